@@ -26,7 +26,7 @@ class ChainOfThree : public testing::Test {
             [](std::uint32_t process) {
               return Party{process, "node"};
             },
-            100) {}
+            probing, 100) {}
 
   void publish(std::uint32_t process, std::uint64_t number, std::int64_t at_ms) {
     publish(process, process, number, at_ms);
@@ -52,8 +52,25 @@ class ChainOfThree : public testing::Test {
   }
 
   const std::vector<std::string> topics{"/scan", "/map", "/cmd_vel"};
+  Probing probing;
   ChainFollower chain;
 };
+
+TEST_F(ChainOfThree, MessageUnderWayWhileProbesAreSetIsNotJudged) {
+  publish(1, 0, 0);
+  probing.add(2 * ms, 60 * ms);
+  take(2, 0, 61);
+  publish(2, 0, 62);
+  take(3, 0, 63);
+  publish(3, 0, 64);
+  take(4, 0, 65);
+  pass(1, 100);
+  const auto found = chain.findings();
+  ASSERT_EQ(found.paths.size(), 1U);
+  EXPECT_EQ(found.paths[0].late, 0U);
+  EXPECT_EQ(found.paths[0].not_judged, 1U);
+  EXPECT_EQ(found.paths[0].age.count(), 1U);
+}
 
 class ChainOfLatest : public ChainOfThree {
  protected:

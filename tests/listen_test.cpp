@@ -377,6 +377,43 @@ TEST_F(JudgedPair, AgeBeyondItsLimitIsLate) {
   EXPECT_EQ(misses[0].value_ns, 2'998'000);
 }
 
+TEST_F(JudgedPair, MessageUnderWayWhileProbesAreSetIsNotJudged) {
+  std::vector<Row> rows;
+  messages.keep_rows([&](const Row& row) { rows.push_back(row); });
+  get_acquainted();
+  const auto before = flow();
+  rows.clear();
+  publish(at(10));
+  messages.add_probing(at(10) + 1'000'000, at(12));
+  take(at(12) + 100'000, at(10) + 2'000);
+  EXPECT_EQ(flow().late, 0U);
+  EXPECT_EQ(flow().not_judged, 1U);
+  EXPECT_EQ(flow().period.count(), before.period.count());
+  EXPECT_EQ(flow().age->count(), before.age->count());
+  EXPECT_EQ(flow().messages, before.messages + 1);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_TRUE(messages.take_misses(at(13)).empty());
+  EXPECT_TRUE(rows.empty());
+  // What is late afterwards, and what is lost, counts.
+  publish(at(13));
+  publish(at(14));
+  take(at(14) + 2'000'000, at(14) + 2'000);
+  EXPECT_EQ(flow().late, 1U);
+  EXPECT_EQ(flow().not_judged, 1U);
+  EXPECT_EQ(flow().lost, 1U);
+}
+
+TEST_F(JudgedPair, WriterThatProbesHeldUpIsNotJudgedByItsPeriod) {
+  publish(at(0), 1, 0xc);
+  messages.add_probing(at(1), at(3));
+  publish(at(3) + 1'000, 1, 0xc);
+  publish(at(4), 1, 0xc);
+  EXPECT_EQ(flow().late, 0U);
+  EXPECT_EQ(flow().not_judged, 1U);
+  publish(at(6), 1, 0xc);
+  EXPECT_EQ(flow().late, 1U);
+}
+
 TEST_F(JudgedPair, MissBeforeTheTopicHasItsNameWaitsForIt) {
   constexpr std::uint64_t unnamed = 0xc;
   const auto take_unnamed = [&](std::int64_t at_ns) {

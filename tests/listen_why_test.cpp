@@ -189,16 +189,6 @@ TEST_F(LateMessage, SeveralThatHadTheCpuForHalfTogetherAreNoOnesFault) {
   EXPECT_EQ(found.ns, 8 * ms);
 }
 
-TEST_F(LateMessage, ProbesThatOntimeSetAreSaidWhereNothingElseIsSeen) {
-  switched(90 * ms, 1, takes, "D", 0);
-  event(published + 12 * ms, 0, Kind::waking, takes, 0, "1");
-  switched(published + 12 * ms + 10 * us, 1, 0, "R", takes);
-  auto miss = old(published + 12 * ms + 50 * us);
-  EXPECT_EQ(why(miss).cause, "blocked");
-  miss.course.beside_probes = true;
-  EXPECT_EQ(why(miss).cause, "probes");
-}
-
 TEST_F(LateMessage, ReaderThatWorksIsItsOwnCause) {
   switched(90 * ms, 1, 0, "R", takes);
   event(published + 10 * ms, 1, Kind::timer, takes);

@@ -47,6 +47,17 @@ TEST(Compare, RunsOfTheSameKeyAreOnePairAndTheOthersAreNamed) {
   EXPECT_EQ(document.at("only_to").at(0).at("key"), "k4");
 }
 
+TEST(Compare, ConditionThatKeepsRunsApartIsNamed) {
+  std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1), run("x", "k3", 1)};
+  b[0].run.asked.task.client.deadline = std::chrono::milliseconds(5);
+  b[0].run.asked.task.client.payload_bytes = 1000;
+  b[1].run.asked.task.client.deadline = std::chrono::milliseconds(5);
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("No run of A has the same conditions"));
+  EXPECT_THAT(text, HasSubstr("deadline"));
+  EXPECT_THAT(text, Not(HasSubstr("1000 B"))) << "the nearest alone";
+}
+
 TEST(Compare, SaysBetterWorseOrCannotTell) {
   const auto verdict = [](double from, double to) {
     const std::vector a{run("x", "k", from), run("x", "k", from, 2)},

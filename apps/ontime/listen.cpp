@@ -316,6 +316,14 @@ class Listening {
           "programs see the packets: --packets any");
   }
 
+  bool has_not_judged(const listen::Findings& findings) const {
+    const auto has = [](const auto& one) { return one.not_judged > 0; };
+    return !arguments_.list && (std::ranges::any_of(findings.flows, has) ||
+                                std::ranges::any_of(findings.chains, [&](const auto& chain) {
+                                  return std::ranges::any_of(chain.paths, has);
+                                }));
+  }
+
   std::uint64_t misses_left_out(const listen::Findings& findings) const {
     return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
                            [](auto sum, const auto& topic) { return sum + topic.second; });
@@ -347,6 +355,8 @@ class Listening {
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
+    if (has_not_judged(findings))
+      output_.write("not judged: messages that were under way while ontime set or removed probes\n");
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)

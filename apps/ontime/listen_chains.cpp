@@ -73,6 +73,7 @@ std::string text_of(const listen::Chain& chain, const listen::ChainPath& path) {
                                words_of(path.parties[0], "(unknown)"))) +
               line(fmt::format("  100 %{}   {} came out{}", spread(path.age), path.age.count(),
                                chain.wish.age ? fmt::format(", {} of them late", path.late) : ""));
+  if (path.not_judged > 0) text += line(fmt::format("    not judged: {} more", path.not_judged));
   for (std::size_t part = 0; part < path.parts.size(); ++part) {
     const auto& times = path.parts[part];
     const auto share = path.age.sum_ns() > 0 ? 100 * times.sum_ns() / path.age.sum_ns() : 0;
@@ -135,7 +136,7 @@ std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) 
 
 std::size_t came_out(const listen::Chain& chain) {
   return std::accumulate(chain.paths.begin(), chain.paths.end(), static_cast<std::size_t>(chain.forgotten),
-                         [](auto sum, const auto& path) { return sum + path.age.count(); });
+                         [](auto sum, const auto& path) { return sum + path.age.count() + path.not_judged; });
 }
 
 bool misses(const listen::Chain& chain) {
@@ -175,6 +176,7 @@ ordered_json json_of(const listen::Chain& chain) {
     ordered_json of_path{{"processes", ordered_json::array()},
                          {"age", json_of(path.age)},
                          {"late", path.late},
+                         {"not_judged", path.not_judged},
                          {"parts", ordered_json::array()}};
     for (const auto& party : path.parties) of_path["processes"].push_back(json_of(party));
     for (const auto& part : path.parts) {
@@ -194,7 +196,8 @@ std::vector<listen::Flow> flows_of(const listen::Chain& chain) {
     flow.topic = chain.wish.name();
     flow.writer = path.parties.front();
     flow.reader = path.parties.back();
-    flow.messages = path.age.count();
+    flow.messages = path.age.count() + path.not_judged;
+    flow.not_judged = path.not_judged;
     flow.last_ns = path.last_ns;
     flow.age = path.age;
     flow.between.assign(path.parties.begin() + 1, path.parties.end() - 1);

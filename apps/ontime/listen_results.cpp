@@ -300,6 +300,8 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
   until_it_fails([&] {
     for (const auto& flow : wanted.flows) add_silence(flow);
     write(wanted.flows, true);
+    std::map<std::uint64_t, std::uint64_t> not_judged;
+    for (const auto& flow : wanted.flows) not_judged[flow.id] = flow.not_judged;
     const auto about = about_machine();
     for (const auto& [key, kept] : kept_) {
       if (kept.run == 0) continue;
@@ -313,6 +315,10 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
         note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
                                         "counted across them",
                                         wanted.sensor_lost));
+      if (const auto count = not_judged[key.first]; count > 0)
+        note("not-judged", fmt::format("{} messages are not judged: they were under way while ontime set or "
+                                       "removed probes",
+                                       count));
       if (!pauses.empty()) note("pauses", pauses);
       if (left_out_ > 0)
         note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));

@@ -85,9 +85,11 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
                           spread_of(flow.period), age_of(flow));
   const bool lacks_age = limits.age && !is_age_known(flow);
   if (limits.longest_gap() || (limits.age && !lacks_age))
-    text += fmt::format(" late {} of {}{} ", flow.late, flow.messages, lacks_age ? ", by period alone" : "");
+    text += fmt::format(" late {} of {}{} ", flow.late, flow.messages - flow.not_judged,
+                        lacks_age ? ", by period alone" : "");
   else if (lacks_age)
     text += " late unknown ";
+  if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
@@ -139,6 +141,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"age", json_of(flow.age)},
           {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
           {"late", flow.late},
+          {"not_judged", flow.not_judged},
           {"silent_ns", flow.silent_ns},
           {"lost", json_of(flow.lost)},
           {"duplicated", flow.duplicated},

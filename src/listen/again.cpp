@@ -51,7 +51,6 @@ json way_of(const Miss& miss) {
            {"publisher", course.publisher},
            {"taker", course.taker},
            {"missing", course.missing},
-           {"beside_probes", course.beside_probes},
            {"writer", json_of(miss.writer)},
            {"reader", json_of(miss.reader)},
            {"threads", json::array()}};
@@ -77,7 +76,6 @@ std::optional<Miss> explained_again(const json& way, const trace::Window& window
   course.publisher = whole_of<std::int32_t>(way.at("publisher"));
   course.taker = whole_of<std::int32_t>(way.at("taker"));
   course.missing = static_cast<std::uint64_t>(whole_of<std::int64_t>(way.at("missing")));
-  course.beside_probes = way.at("beside_probes").get<bool>();
   miss.writer = party_of(way.at("writer"));
   miss.reader = party_of(way.at("reader"));
   std::map<std::int32_t, Party> owners;

@@ -13,9 +13,10 @@ std::string ChainWish::name() const {
 }
 
 ChainFollower::ChainFollower(ChainWish wish, std::function<Party(std::uint32_t)> party_of,
-                             std::uint64_t first_id)
+                             const Probing& probing, std::uint64_t first_id)
     : wish_(std::move(wish)),
       party_of_(std::move(party_of)),
+      probing_(probing),
       latest_(wish_.steps.size()),
       publishing_(wish_.steps.size()),
       next_id_(first_id) {
@@ -190,7 +191,8 @@ void ChainFollower::reach(std::uint64_t origin, std::size_t stage) {
 
 void ChainFollower::arrive(const Journey& journey) {
   const auto from_ns = journey.at_ns[0], to_ns = journey.at_ns[last_stage()];
-  const bool is_late = wish_.age && to_ns - from_ns > wish_.age->count();
+  const bool is_judged = !probing_.overlaps(from_ns, to_ns);
+  const bool is_late = is_judged && wish_.age && to_ns - from_ns > wish_.age->count();
   last_arrival_ns_ = to_ns;
   waiting_since_ns_ = 0;
   auto* const path = path_of(journey);
@@ -200,10 +202,14 @@ void ChainFollower::arrive(const Journey& journey) {
     return;
   }
   auto& found = path->found;
+  found.last_ns = to_ns;
+  if (!is_judged) {
+    ++found.not_judged;
+    return;
+  }
   for (std::size_t part = 0; part < found.parts.size(); ++part)
     found.parts[part].add(journey.at_ns[part + 1] - journey.at_ns[part]);
   found.age.add(to_ns - from_ns);
-  found.last_ns = to_ns;
   found.late += is_late ? 1 : 0;
   if (keep_row_) keep_row_({found.id, Row::Quantity::age, path->rows++, from_ns, to_ns, is_late});
 }
@@ -225,7 +231,7 @@ ChainFollower::Path* ChainFollower::path_of(const Journey& journey) {
 bool ChainFollower::make_room_for_path() {
   if (paths_.size() + ended_paths_.size() < most_paths) return true;
   const auto forget = [&](const ChainPath& path) {
-    found_.forgotten += path.age.count();
+    found_.forgotten += path.age.count() + path.not_judged;
     found_.forgotten_late += path.late;
   };
   if (!ended_paths_.empty()) {

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "listen/listen.hpp"
+#include "listen/probing.hpp"
 #include "listen/rows.hpp"
 
 namespace ontime::listen {
@@ -32,8 +33,9 @@ class ChainFollower {
   // A publish has given its message a stamp after so long, or when its thread goes on to something else.
   static constexpr std::int64_t stamped_ns = 100'000'000;
 
-  // `party_of` names a process. Paths have ids from `first_id` on.
-  ChainFollower(ChainWish, std::function<Party(std::uint32_t)> party_of, std::uint64_t first_id);
+  // `party_of` names a process. Paths have ids from `first_id` on. `probing` lives longer than this.
+  ChainFollower(ChainWish, std::function<Party(std::uint32_t)> party_of, const Probing& probing,
+                std::uint64_t first_id);
 
   struct Message {
     const std::string& topic;
@@ -116,6 +118,7 @@ class ChainFollower {
 
   const ChainWish wish_;
   const std::function<Party(std::uint32_t)> party_of_;
+  const Probing& probing_;
   std::map<std::uint32_t, Hand> hands_;                // by thread
   std::vector<std::map<std::uint32_t, Hand>> latest_;  // by topic and process
   std::vector<std::set<std::uint32_t>> publishing_;    // by topic: processes that published it

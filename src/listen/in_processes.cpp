@@ -97,9 +97,9 @@ class InProcesses final : public Sensor {
       ring_buffer__consume(ring_.get());
       if (change) {
         const bool changes_code = !change->came.empty() || !change->gone.empty() || !finders_.empty();
-        if (changes_code) probing_.begin();
-        follow(*change, now_ns());
-        if (changes_code) probing_.end();
+        const auto from_ns = now_ns();
+        follow(*change, from_ns);
+        if (changes_code) messages_.add_probing(from_ns, now_ns());
       }
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
@@ -120,12 +120,7 @@ class InProcesses final : public Sensor {
 
   std::vector<Miss> take_misses() override {
     auto misses = messages_.take_misses(now_ns());
-    for (auto& miss : misses) {
-      miss.at_ns += realtime_ahead_ns_;
-      auto& course = miss.course;
-      const auto from_ns = course.since_ns != 0 ? course.since_ns : course.taken_before_ns;
-      course.beside_probes = probing_.overlaps(from_ns, course.taken_ns);
-    }
+    for (auto& miss : misses) miss.at_ns += realtime_ahead_ns_;
     return misses;
   }
 
@@ -147,20 +142,16 @@ class InProcesses final : public Sensor {
     ring_buffer__consume(ring_.get());
     is_paused_ = true;
     paused_ns_ = now_ns();
-    probing_.begin();
     shared_.clear();
     everywhere_.clear();
     finders_.clear();
     for (auto& [id, own] : of_process_) own.links.clear();
-    probing_.end();
     ring_buffer__consume(ring_.get());
   }
 
   void resume() override {
     processes_.look_again();
-    probing_.begin();
     follow(processes_.look(), now_ns());
-    probing_.end();
     ring_buffer__consume(ring_.get());  // seen while some probes were not set yet
     is_paused_ = false;
     resumed_ns_ = now_ns();
@@ -257,25 +248,6 @@ class InProcesses final : public Sensor {
     remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
                        process.id));
   }
-
-  // The kernel holds up a process's threads while it changes their code. Of times near to one another the
-  // whole is kept, of others the last.
-  class Probing {
-   public:
-    void begin() {
-      constexpr std::int64_t near_ns = 100'000'000;
-      const auto now = now_ns();
-      if (now - to_ns_ > near_ns) from_ns_ = now;
-      to_ns_ = INT64_MAX;
-    }
-    void end() { to_ns_ = now_ns(); }
-    bool overlaps(std::int64_t from_ns, std::int64_t to_ns) const {
-      return from_ns_ <= to_ns && from_ns <= to_ns_;
-    }
-
-   private:
-    std::int64_t from_ns_ = 0, to_ns_ = 0;
-  };
 
   static std::int64_t now_ns() {
     return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -386,12 +358,12 @@ class InProcesses final : public Sensor {
     unnamed_.insert(key);
     if (finders_.contains(event.process)) return;
     const auto& programs = probes_->progs;
-    probing_.begin();
+    const auto from_ns = now_ns();
     set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
         // dds_entity_pin(handle, entity**), dds_entity_lock(handle, kind, entity**)
         {{"dds_entity_pin", programs.dds_entity_find, programs.dds_entity_found, {.info = 1}},
          {"dds_entity_lock", programs.dds_entity_find, programs.dds_entity_found, {.info = 2}}});
-    probing_.end();
+    messages_.add_probing(from_ns, now_ns());
   }
 
   void found(const ontime_event& event) {
@@ -456,7 +428,6 @@ class InProcesses final : public Sensor {
   std::unique_ptr<ring_buffer, void (*)(ring_buffer*)> ring_{nullptr, ring_buffer__free};
   const std::uint32_t own_process_ = static_cast<std::uint32_t>(getpid());
   std::optional<ProbeCosts> costs_;
-  Probing probing_;
   Calls counted_before_{};
   std::vector<Link> shared_;
   std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes

@@ -89,7 +89,10 @@ struct Flow {
   std::optional<std::chrono::nanoseconds> chain_limit{};  // of the age, where it is of a chain
   std::optional<std::uint64_t> lost{};                    // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
-  std::uint64_t late = 0;      // by any of the limits
+  std::uint64_t late = 0;  // by any of the limits
+  // Under way while ontime set or removed probes: in `messages` and in counts of losses, but neither late nor
+  // in `period` and `age`.
+  std::uint64_t not_judged = 0;
   std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
   double rate_hz() const;
 };
@@ -116,8 +119,8 @@ struct ChainPath {
   std::uint64_t id = 0;        // unlike that of any flow
   std::vector<Party> parties;  // who publishes the first topic; who takes and publishes; who takes the last
   Distribution age;            // of what came out at the end, from the first publish
-  std::vector<Distribution> parts;  // two for each topic but one
-  std::uint64_t late = 0;
+  std::vector<Distribution> parts;         // two for each topic but one
+  std::uint64_t late = 0, not_judged = 0;  // as of a flow
   std::int64_t last_ns = 0;
 };
 
@@ -148,7 +151,6 @@ struct Course {
   std::int32_t publisher = 0, taker = 0;  // threads
   std::int64_t usual_ns = 0;              // the median of what was judged
   std::uint64_t missing = 0;              // published between the message before and this one, not taken
-  bool beside_probes = false;             // ontime set or removed probes meanwhile
 };
 
 // Why a message was late.

@@ -23,7 +23,7 @@ constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain 
 Messages::Messages(const Limits& limits, std::vector<ChainWish> chains) : limits_(limits) {
   for (auto& wish : chains)
     chains_.emplace_back(
-        std::move(wish), [this](std::uint32_t process) { return party(process); },
+        std::move(wish), [this](std::uint32_t process) { return party(process); }, probing_,
         first_path_id + ids_of_a_chain * chains_.size());
 }
 
@@ -154,7 +154,9 @@ void Messages::published(const Observation& seen) {
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
       publisher.topic = name->second;
   }
-  if (!publisher.is_broken) {
+  if (!publisher.is_broken && probing_.overlaps(publisher.last_ns, seen.at_ns)) {
+    ++publisher.not_judged;
+  } else if (!publisher.is_broken) {
     const auto gap = seen.at_ns - publisher.last_ns;
     publisher.period.add(gap);
     const bool is_late = limits_.is_gap(gap);
@@ -201,9 +203,11 @@ void Messages::taken(const Observation& seen) {
     // No number: published before the sensor was there, or too long ago.
     if (link.publisher) number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
   }
-  bool is_late = false;
+  bool is_late = false, is_judged = true;
   bool is_new = false;
-  if (!link.is_broken) {
+  if (!link.is_broken && probing_.overlaps(link.last_ns, seen.at_ns)) {
+    is_judged = false;
+  } else if (!link.is_broken) {
     const auto gap = seen.at_ns - link.last_ns;
     link.period.add(gap);
     if (limits_.is_gap(gap)) {
@@ -215,13 +219,17 @@ void Messages::taken(const Observation& seen) {
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
-    link.age.add(age);
-    const bool is_too_old = limits_.is_too_old(age);
+    const bool has_verdict = !probing_.overlaps(seen.stamp_ns, seen.at_ns);
+    const bool is_too_old = has_verdict && limits_.is_too_old(age);
+    if (has_verdict)
+      link.age.add(age);
+    else
+      is_judged = false;
     if (is_too_old) {
       is_late = true;
       miss(Miss::Kind::age, age, link, seen, number);
     }
-    if (number) is_new = place(link, *number, seen, is_too_old);
+    if (number) is_new = place(link, *number, seen, has_verdict, is_too_old);
   }
   const auto writer = link.publisher ? publishers_.find(*link.publisher) : publishers_.end();
   for (auto& chain : chains_)
@@ -236,6 +244,7 @@ void Messages::taken(const Observation& seen) {
   link.last_number = number;
   link.is_broken = false;
   link.late += is_late ? 1 : 0;
+  link.not_judged += is_judged ? 0 : 1;
   ++link.messages;
   link.last_ns = seen.at_ns;
 }
@@ -281,14 +290,15 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.rows.restart();
 }
 
-bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_late) {
+bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_judged,
+                     bool is_late) {
   const auto stamp_ns = seen.stamp_ns;
   const auto& publisher = publishers_.at(*link.publisher);
   const auto keep = [&](std::uint64_t of) {
     link.stamps[of % remembered] = stamp_ns;
-    link.rows.age(keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late},
-                  of,
-                  [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); });
+    link.rows.age(
+        keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late}, of,
+        [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); }, is_judged);
     return true;
   };
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
@@ -356,7 +366,8 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
             .period = link.period,
             .duplicated = link.duplicated,
             .reordered = link.reordered,
-            .late = link.late};
+            .late = link.late,
+            .not_judged = link.not_judged};
   if (link.publisher) {
     flow.writer = party(link.publisher->first);
     flow.age = link.age;
@@ -373,7 +384,8 @@ Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) con
           .first_ns = publisher.first_ns,
           .last_ns = publisher.last_ns,
           .period = publisher.period,
-          .late = publisher.late};
+          .late = publisher.late,
+          .not_judged = publisher.not_judged};
 }
 
 Findings Messages::findings() const {

@@ -14,6 +14,7 @@
 #include "listen/chains.hpp"
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
+#include "listen/probing.hpp"
 #include "listen/rows.hpp"
 #include "listen/sequence.hpp"
 
@@ -61,6 +62,8 @@ class Messages {
   // Until then some were not observed: nothing counts across that time, and of one published in it nothing is
   // known.
   void interrupt(std::int64_t until_ns);
+  // Before what was observed since then.
+  void add_probing(std::int64_t from_ns, std::int64_t to_ns) { probing_.add(from_ns, to_ns); }
 
   Findings findings() const;
   void keep_rows(KeepRow keep) {
@@ -88,7 +91,7 @@ class Messages {
     bool is_broken = true;    // no period begins with the last publish
     bool has_reader = false;  // one was recognized, and its flow tells of this publisher
     Distribution period;
-    std::uint64_t late = 0;
+    std::uint64_t late = 0, not_judged = 0;
     Rows rows;
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
@@ -103,7 +106,7 @@ class Messages {
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;  // no period begins with the last take, and nothing before it counts as lost
     Distribution period, age;
-    std::uint64_t duplicated = 0, reordered = 0, late = 0;
+    std::uint64_t duplicated = 0, reordered = 0, late = 0, not_judged = 0;
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
     std::optional<std::uint64_t> last_number;  // of the publisher's, taken last
@@ -120,7 +123,7 @@ class Messages {
   void identify(Link&, const Observation&);
   void doubt(Link&, const Observation&);
   // False: it was taken before, or too late to know.
-  bool place(Link&, std::uint64_t number, const Observation&, bool is_late);
+  bool place(Link&, std::uint64_t number, const Observation&, bool is_judged, bool is_late);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
@@ -144,6 +147,7 @@ class Messages {
   Findings dropped_;  // counts only
   std::uint64_t left_out_ = 0, last_id_ = 0;
   std::int64_t interrupted_until_ns_ = 0;
+  Probing probing_;
   Misses misses_;
   KeepRow keep_row_;
   std::vector<ChainFollower> chains_;

@@ -44,9 +44,10 @@ class Rows {
   }
 
   // The writer's message of this number, which came after all of lower numbers, or was overtaken. Those
-  // between were lost; lost_at() says when they were published, or 0: that one was not lost.
+  // between were lost; lost_at() says when they were published, or 0: that one was not lost. One that is not
+  // judged has no row.
   template <class LostAt>
-  void age(const KeepRow& keep, Row row, std::uint64_t number, const LostAt& lost_at) {
+  void age(const KeepRow& keep, Row row, std::uint64_t number, const LostAt& lost_at, bool is_judged = true) {
     if (!keep) return;
     if (is_broken_) {
       first_number_ = number;
@@ -69,7 +70,7 @@ class Rows {
     else
       row.was_lost = lost_.test(at);
     lost_.reset(at);
-    keep(row);
+    if (is_judged || row.was_lost) keep(row);
   }
   // A number below the last, of which it is known only now that it was lost.
   void lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t number, std::int64_t at_ns) {

@@ -18,7 +18,6 @@ using explain::State;
 
 constexpr std::int64_t longest_ns = 1'000'000'000;  // that is looked back
 constexpr std::size_t most_steps = 32;              // from thread to thread
-constexpr const char* probes = "probes";            // the one cause that is not explain's
 // The kernel's priorities of SCHED_FIFO's and SCHED_RR's 99 … 1, and of the default's.
 constexpr int real_time = 99, usual_priority = 50;
 
@@ -64,8 +63,6 @@ class Search {
         add(std::move(part));
     const auto most = std::ranges::max_element(parts_, {}, &Part::ns);
     const bool is_most = most != parts_.end() && is_seen(most->cause) && 2 * most->ns >= leg_.too_long_ns;
-    // The kernel holds up threads whose code it changes, in the state of those that wait in it.
-    if (miss_.course.beside_probes && (!is_most || most->cause == Cause::blocked)) return by_probes();
     if (is_most) return seen(*most);
     return by_several().value_or(unseen());
   }
@@ -207,12 +204,6 @@ class Search {
     }
   }
 
-  static Why by_probes() {
-    return {.is_seen = true,
-            .cause = probes,
-            .sentence = "ontime set or removed probes in processes at that moment"};
-  }
-
   // None of those that had the CPU is most of the delay: all together are, and none is the culprit.
   std::optional<Why> by_several() const {
     std::int64_t all_ns = 0;
@@ -259,7 +250,7 @@ class Search {
 }  // namespace
 
 std::vector<std::string> causes() {
-  std::vector<std::string> words{probes};
+  std::vector<std::string> words;
   for (int cause = 0; cause <= static_cast<int>(Cause::unknown); ++cause)
     words.emplace_back(explain::word_of(static_cast<Cause>(cause)));
   return words;

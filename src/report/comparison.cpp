@@ -224,6 +224,25 @@ ordered_json json_of(const Pair& pair) {
           {"not_the_same", not_the_same}};
 }
 
+// Of all without a partner, the two that differ least, and in what.
+std::string nearest(const Comparison& comparison) {
+  std::string nearest;
+  std::size_t least = 0;
+  for (const auto& from : comparison.only_from)
+    for (const auto& to : comparison.only_to) {
+      const auto [keys, values] = differences_between({from.front(), to.front()});
+      if (keys.empty() || (least != 0 && keys.size() >= least)) continue;
+      least = keys.size();
+      std::vector<std::string> parts;
+      for (std::size_t i = 0; i < keys.size(); ++i)
+        parts.push_back(fmt::format("{}: {} → {}", keys[i], word(values[0][i]), word(values[1][i])));
+      nearest = fmt::format(
+          "Nearest: {} of A, {} of B; different: {}. To compare runs all the same: --from and --to.",
+          gate::name_of(from), gate::name_of(to), join(parts, "; "));
+    }
+  return nearest;
+}
+
 }  // namespace
 
 Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
@@ -233,6 +252,8 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
   if (!comparison.only_from.empty()) page.notes.push_back("In A only: " + list_of(comparison.only_from));
   if (!comparison.only_to.empty()) page.notes.push_back("In B only: " + list_of(comparison.only_to));
   if (comparison.pairs.empty()) page.notes.push_back("No run of A has the same conditions as one of B.");
+  if (auto note = nearest(comparison); comparison.pairs.empty() && !note.empty())
+    page.notes.push_back(std::move(note));
   for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
   if (!page.tables.empty())
     page.legend =

@@ -165,7 +165,8 @@ ordered_json json_of(const Explained& one) {
           {"traced", one.account.traced},
           {"late", one.account.late},
           {"lost", one.account.lost},
-          {"late_by_response", one.account.late_by_response},
+          {"late_by_response_only", one.account.late_by_response},
+          {"late_by_response", one.account.late_by_response},  // its old name, for one version
           {"causes", array_of(one.account.groups, to_json)},
           {"messages", array_of(one.account.messages, to_json)},
           {"limits", array_of(one.account.limits, [](const auto& limit) { return printable(limit); })}};
