@@ -382,8 +382,8 @@ TEST_F(JudgedPair, MessageUnderWayWhileProbesAreSetIsNotJudged) {
   messages.keep_rows([&](const Row& row) { rows.push_back(row); });
   get_acquainted();
   const auto before = flow();
-  rows.clear();
   publish(at(10));
+  rows.clear();
   messages.add_probing(at(10) + 1'000'000, at(12));
   take(at(12) + 100'000, at(10) + 2'000);
   EXPECT_EQ(flow().late, 0U);

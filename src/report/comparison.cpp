@@ -235,7 +235,8 @@ std::string nearest(const Comparison& comparison) {
       least = keys.size();
       std::vector<std::string> parts;
       for (std::size_t i = 0; i < keys.size(); ++i)
-        parts.push_back(fmt::format("{}: {} → {}", keys[i], word(values[0][i]), word(values[1][i])));
+        parts.push_back((values[0][i].empty() || values[1][i].empty() ? keys[i] + ": " : "") +
+                        word(values[0][i]) + " → " + word(values[1][i]));
       nearest = fmt::format(
           "Nearest: {} of A, {} of B; different: {}. To compare runs all the same: --from and --to.",
           gate::name_of(from), gate::name_of(to), join(parts, "; "));
