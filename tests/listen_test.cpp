@@ -403,6 +403,24 @@ TEST_F(JudgedPair, MessageUnderWayWhileProbesAreSetIsNotJudged) {
   EXPECT_EQ(flow().lost, 1U);
 }
 
+TEST_F(JudgedPair, LossWhileProbesAreSetIsNotJudged) {
+  std::vector<Row> rows;
+  messages.keep_rows([&](const Row& row) { rows.push_back(row); });
+  get_acquainted();
+  publish(at(10));  // overwritten by the next, while its reader is held up
+  messages.add_probing(at(10) + 1'000'000, at(12));
+  publish(at(11));
+  publish(at(12) + 1'000);
+  take(at(12) + 50'000, at(12) + 3'000);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().lost_not_judged, 2U);
+  publish(at(13));
+  arrive(at(14));
+  EXPECT_EQ(flow().lost, 1U);
+  EXPECT_EQ(flow().lost_not_judged, 2U);
+  EXPECT_EQ(std::ranges::count(rows, 0, &Row::to_ns), 1);
+}
+
 TEST_F(JudgedPair, WriterThatProbesHeldUpIsNotJudgedByItsPeriod) {
   publish(at(0), 1, 0xc);
   messages.add_probing(at(1), at(3));

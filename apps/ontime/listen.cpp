@@ -318,7 +318,9 @@ class Listening {
 
   bool has_not_judged(const listen::Findings& findings) const {
     const auto has = [](const auto& one) { return one.not_judged > 0; };
-    return !arguments_.list && (std::ranges::any_of(findings.flows, has) ||
+    const auto lost = [](const auto& flow) { return flow.lost_not_judged > 0; };
+    const auto& flows = findings.flows;
+    return !arguments_.list && (std::ranges::any_of(flows, has) || std::ranges::any_of(flows, lost) ||
                                 std::ranges::any_of(findings.chains, [&](const auto& chain) {
                                   return std::ranges::any_of(chain.paths, has);
                                 }));

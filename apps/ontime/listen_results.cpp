@@ -301,7 +301,7 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
     for (const auto& flow : wanted.flows) add_silence(flow);
     write(wanted.flows, true);
     std::map<std::uint64_t, std::uint64_t> not_judged;
-    for (const auto& flow : wanted.flows) not_judged[flow.id] = flow.not_judged;
+    for (const auto& flow : wanted.flows) not_judged[flow.id] = flow.not_judged + flow.lost_not_judged;
     const auto about = about_machine();
     for (const auto& [key, kept] : kept_) {
       if (kept.run == 0) continue;

@@ -93,6 +93,7 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
+  if (flow.lost_not_judged > 0) text += fmt::format("(and {} not judged) ", flow.lost_not_judged);
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
 
@@ -144,6 +145,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"not_judged", flow.not_judged},
           {"silent_ns", flow.silent_ns},
           {"lost", json_of(flow.lost)},
+          {"lost_not_judged", flow.lost_not_judged},
           {"duplicated", flow.duplicated},
           {"out_of_order", flow.reordered}};
 }

@@ -90,9 +90,9 @@ struct Flow {
   std::optional<std::uint64_t> lost{};                    // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;  // by any of the limits
-  // Under way while ontime set or removed probes: in `messages` and in counts of losses, but neither late nor
-  // in `period` and `age`.
-  std::uint64_t not_judged = 0;
+  // Under way while ontime set or removed probes: taken, but neither late nor in `period` and `age`; not
+  // taken, but not in `lost`.
+  std::uint64_t not_judged = 0, lost_not_judged = 0;
   std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
   double rate_hz() const;
 };

@@ -298,9 +298,22 @@ bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
     link.stamps[of % remembered] = stamp_ns;
     link.rows.age(
         keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late}, of,
-        [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); }, is_judged);
+        [&](std::uint64_t lost) {
+          const bool is_known = lost >= publisher.oldest();
+          return is_known && !link.sequence.is_missing(lost)
+                     ? 0
+                     : publisher.begun(std::max(lost, publisher.oldest()));
+        },
+        is_judged);
     return true;
   };
+  // Each may have been lost because its reader was held up.
+  if (link.sequence.has_begun())
+    for (auto lost = std::max(link.sequence.next(), publisher.oldest()); lost < number; ++lost)
+      if (probing_.overlaps(publisher.begun(lost), publisher.begun(lost + 1))) {
+        link.sequence.pass_over(lost, lost);
+        ++link.lost_not_judged;
+      }
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
   switch (link.sequence.see(number)) {
     case Sequence::Fate::overtaken:
@@ -372,6 +385,7 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
     flow.writer = party(link.publisher->first);
     flow.age = link.age;
     flow.lost = link.sequence.lost();
+    flow.lost_not_judged = link.lost_not_judged;
   }
   return flow;
 }

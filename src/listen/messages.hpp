@@ -106,7 +106,7 @@ class Messages {
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;  // no period begins with the last take, and nothing before it counts as lost
     Distribution period, age;
-    std::uint64_t duplicated = 0, reordered = 0, late = 0, not_judged = 0;
+    std::uint64_t duplicated = 0, reordered = 0, late = 0, not_judged = 0, lost_not_judged = 0;
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
     std::optional<std::uint64_t> last_number;  // of the publisher's, taken last
