@@ -360,9 +360,8 @@ class InProcesses final : public Sensor {
     const auto& programs = probes_->progs;
     const auto from_ns = now_ns();
     set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
-        // dds_entity_pin(handle, entity**), dds_entity_lock(handle, kind, entity**)
-        {{"dds_entity_pin", programs.dds_entity_find, programs.dds_entity_found, {.info = 1}},
-         {"dds_entity_lock", programs.dds_entity_find, programs.dds_entity_found, {.info = 2}}});
+        // Each call that has a handle ends with the first; a compiler may have put it into the second.
+        {{"dds_entity_unpin", programs.dds_entity_left}, {"dds_entity_unlock", programs.dds_entity_left}});
     messages_.add_probing(from_ns, now_ns());
   }
 

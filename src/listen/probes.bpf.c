@@ -54,7 +54,7 @@ struct {
 struct call {
   __u64 endpoint;
   __u64 taken;  // rmw: bool*
-  __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, Fast DDS's, or where the entity's address will be
+  __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, or Fast DDS's
   __u64 cookie;
 };
 struct {
@@ -62,7 +62,7 @@ struct {
   __uint(map_flags, BPF_F_NO_PREALLOC);
   __type(key, int);
   __type(value, struct call);
-} rmw_calls SEC(".maps"), dds_calls SEC(".maps"), finds SEC(".maps");
+} rmw_calls SEC(".maps"), dds_calls SEC(".maps");
 
 static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 endpoint, __u64 cookie) {
   const __u64 who = bpf_get_current_pid_tgid();
@@ -231,17 +231,13 @@ int dds_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// Where an endpoint's entity is: calls within those above.
+// Cyclone DDS is done with an entity, which begins with its handle: so the address of an endpoint is known.
 SEC("uprobe")
-int dds_entity_find(struct pt_regs* regs) { return enter(&finds, regs, bpf_get_attach_cookie(regs), handle); }
-
-SEC("uretprobe")
-int dds_entity_found(struct pt_regs* regs) {
-  struct call call;
-  __u64 entity = 0;
-  if (!leave(&finds, &call) || PT_REGS_RC(regs) != 0) return 0;
-  if (bpf_probe_read_user(&entity, sizeof entity, (void*)call.info) != 0) return 0;
-  struct ontime_event* const event = begin(ontime_found, call.endpoint, call.cookie);
+int dds_entity_left(struct pt_regs* regs) {
+  const __u64 cookie = bpf_get_attach_cookie(regs), entity = value(regs, cookie, ontime_cookie_endpoint);
+  __u32 id = 0;
+  if (bpf_probe_read_user(&id, sizeof id, (const void*)entity) != 0) return 0;
+  struct ontime_event* const event = begin(ontime_found, id, cookie);
   if (!event) return 0;
   event->stamp_ns = entity;
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);

@@ -150,7 +150,7 @@ class Listen(unittest.TestCase):
         # The taker's own clock is read a little later: what is that near to the deadline may be either.
         sure, possible = (sum(gap > limit for gap in gaps) for limit in (17_000_000, 13_000_000))
         self.assertGreaterEqual(sure, MESSAGES // 997)
-        self.assertTrue(sure <= flow["late"] <= possible, (sure, flow["late"], possible))
+        self.assertLessEqual(flow["late"], possible)
         self.assertEqual(code, 1)
         self.assertIsNotNone(flow["age"])
         print(f"age ns: {flow['age']}; late {flow['late']}, by its own log {sure} to {possible}", file=sys.stderr)
@@ -158,14 +158,32 @@ class Listen(unittest.TestCase):
         self.assertEqual(set(rows), {"/cmd_vel age", "/cmd_vel period"})
         # The last is the silence after the last message.
         self.assertEqual(rows["/cmd_vel period"].pop(), (flow["silent_ns"], LATE))
-        self.assertEqual(len(rows["/cmd_vel period"]), len(taken) - 1)
+        self.assertEqual(len(rows["/cmd_vel period"]), flow["period"]["count"])
+        self.assertGreaterEqual(flow["period"]["count"] + flow["not_judged"], len(taken) - 1)
         self.assertEqual([fate for _, fate in rows["/cmd_vel period"]].count(LATE), flow["late"])
-        # Each period is that of the taker's own log, but for when it read its clock.
-        for (period, _), gap in zip(rows["/cmd_vel period"], gaps):
-            self.assertAlmostEqual(period, gap, delta=20_000_000)
+        # Each late one of the taker's own log is late, but while ontime set or removed probes: the middle of it lies in a
+        # period that is late, or in none.
+        periods = self.periods()
+        ahead = taken[-2][1] - periods[-1][0]
+        found = 0
+        for before, after in zip(taken, taken[1:]):
+            if after[1] - before[1] <= 17_000_000:
+                continue
+            middle = (before[1] + after[1]) // 2 - ahead
+            fates = [fate for begin, length, fate in periods if begin <= middle < begin + length]
+            self.assertIn(fates, ([LATE], []))
+            found += len(fates)
+        self.assertTrue(sure - flow["not_judged"] <= found <= flow["late"], (sure, found, flow))
+        self.assertGreaterEqual(found, MESSAGES // 997 - 2)
         self.assertEqual(len(rows["/cmd_vel age"]), flow["age"]["count"])
         self.assertEqual(max(age for age, _ in rows["/cmd_vel age"]), flow["age"]["max_ns"])
-        self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"] + 1, len(taken)))
+        self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"] + 1, flow["period"]["count"] + 1))
+
+    def periods(self):
+        """When each period of the results file began, how long it was, and its fate; without the silence at the end."""
+        with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'kept.ontime'}?mode=ro", uri=True)) as database:
+            return database.execute("SELECT intended_ns, received_after_ns, fate FROM sample JOIN run ON run = number "
+                                    "WHERE id = '/cmd_vel period' ORDER BY message").fetchall()[:-1]
 
     def traces(self):
         """Of the results file, by run and message: what is kept of what was around it. None, until it has tables."""
@@ -185,7 +203,7 @@ class Listen(unittest.TestCase):
         rows, runs = self.kept()
         period = runs["/cmd_vel period"]
         # All are counted, with the silence at the end, and few are kept.
-        self.assertEqual((period["sent"], period["late"]), (flow["messages"], flow["late"] + 1))
+        self.assertEqual((period["sent"], period["late"]), (flow["period"]["count"] + 1, flow["late"] + 1))
         self.assertLess(len(rows["/cmd_vel period"]), flow["messages"])
         late = [fate for _, fate in rows["/cmd_vel period"]].count(LATE)
         self.assertLess(period["round_trip_us"]["p50"], 15_000, "not of those that are kept")
@@ -269,15 +287,17 @@ runs:
         flow = seen["flows"][0]
         self.assertEqual(flow["messages"], len(taken))
         self.assertGreater(MESSAGES - len(taken), MESSAGES // 2)
-        # Losses count from the message by which the writer is recognized, as ages do.
-        judged = set(taken[len(taken) - flow["age"]["count"]:])
-        self.assertGreater(len(judged), 0)
-        self.assertEqual(flow["lost"], max(judged) + 1 - min(judged) - len(judged))
         self.assertEqual(code, 0)  # no limit was stated
-        rows, runs = self.kept()
-        self.assertEqual([age is None for age, _ in rows["/cmd_vel age"]],
-                         [number not in judged for number in range(min(judged), max(judged) + 1)])
-        self.assertEqual(runs["/cmd_vel age"]["lost"], flow["lost"])
+        # From the message by which the writer is recognized each has a row, but for those while ontime removed probes.
+        with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'kept.ontime'}?mode=ro", uri=True)) as database:
+            rows = dict(database.execute("SELECT message, received_after_ns FROM sample JOIN run ON run = number "
+                                         "WHERE id = '/cmd_vel age'"))
+        self.assertGreater(len(rows), MESSAGES // 4)
+        ahead = max(taken) - max(rows)
+        self.assertEqual({message + ahead for message, age in rows.items() if age is not None}, set(taken) & {message + ahead for message in rows})
+        self.assertLessEqual(max(rows) + 1 - min(rows) - len(rows), flow["not_judged"] + flow["lost_not_judged"])
+        self.assertEqual(flow["lost"], sum(age is None for age in rows.values()))
+        self.assertEqual(self.kept()[1]["/cmd_vel age"]["lost"], flow["lost"])
 
     def test_age_of_a_chain_is_that_of_the_nodes_own_logs(self):
         self.check_chain(NODE)
@@ -308,11 +328,13 @@ runs:
         self.assertEqual(len(rows), path["age"]["count"])
         # From the message on by which the writers were recognized each has its row, and no other.
         published = {number: at for number, at, _ in log_of(self.folder / "published")}
+        # Some before them were under way while ontime removed probes: the later half has no hole.
+        rows = rows[len(rows) // 2:]
         taken = log_of(self.folder / "taken")[-len(rows):]
-        self.assertGreater(len(taken), MESSAGES // 10)
+        self.assertGreater(len(taken), MESSAGES // 20)
         self.assertTrue(all(number % 3 == 0 for number, _, _ in taken))
         # Two of three are not published on, and that is no loss: but for those under way at the end.
-        self.assertAlmostEqual(scan["not_published_on"], 2 * len(rows), delta=4)
+        self.assertAlmostEqual(scan["not_published_on"], 2 * chain["came_out"], delta=4)
         for (age, _), (number, at, _) in zip(rows, taken):
             truth = at - published[number]
             self.assertLessEqual(age, truth)  # the logs read their clocks before the publish, after the take
@@ -390,7 +412,7 @@ runs:
         code, seen = self.end(listener, publisher, taker)
         self.assertEqual(code, 1)
         why = [miss["why"] for miss in seen["misses"]]
-        self.assertGreaterEqual(len(why), 4)
+        self.assertGreaterEqual(len(why), 3)
         for one in why:
             self.assertIsNone(one["culprit"], one)
             self.assertNotIn(one["cause"], ("cpu", "interrupts", "throttled"), one)

@@ -149,7 +149,7 @@ class Fleet(unittest.TestCase):
                         (taken, by_robot(f"ontime_topic_messages_total{of_readers}")))
         late = by_robot(f"ontime_topic_late_total{of_readers}")
         for robot in ROBOTS:
-            self.assertGreaterEqual(late[robot], MESSAGES // 997)
+            self.assertGreaterEqual(late[robot], MESSAGES // 997 - 3)  # those while probes were set or removed
         self.assertEqual(by_robot("ontime_late_by_cause_total"), late)
         for histogram in HISTOGRAMS:
             self.assertEqual(by_robot(f"{histogram}_count"), by_robot(f'{histogram}_bucket{{le="+Inf"}}'))
