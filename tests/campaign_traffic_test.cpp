@@ -60,7 +60,7 @@ TEST(Achieved, IsWhatArrived) {
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
       << "it was not there to the end";
   EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("NOT")));
-  EXPECT_TRUE(achieved({}, both(1, 1)).empty());
+  EXPECT_TRUE(achieved(Traffic{}, both(1, 1)).empty());
 }
 
 TEST_F(ScenarioFile, TrafficIsSaid) {

@@ -64,7 +64,7 @@ struct Reader {
   Reliability reliability;
 };
 
-std::string name_of(const testing::TestParamInfo<Reader>& info) {
+std::string name_of_reader(const testing::TestParamInfo<Reader>& info) {
   return std::string(info.param.transport) +
          (info.param.reliability == Reliability::reliable ? "_reliable" : "_best_effort") +
          (info.param.receive == Receive::listener ? "_listener" : "_waitset");
@@ -301,9 +301,9 @@ constexpr Reader readers[] = {
     {"fastdds", Receive::listener, Reliability::best_effort},
     {"opendds", Receive::listener, Reliability::best_effort},
 };
-INSTANTIATE_TEST_SUITE_P(All, DdsReader, testing::ValuesIn(readers), name_of);
+INSTANTIATE_TEST_SUITE_P(All, DdsReader, testing::ValuesIn(readers), name_of_reader);
 INSTANTIATE_TEST_SUITE_P(All, DdsHeldReader, testing::ValuesIn(std::begin(readers), std::begin(readers) + 6),
-                         name_of);
+                         name_of_reader);
 
 }  // namespace
 }  // namespace ontime::transport::test

@@ -7,14 +7,13 @@
 #include <gtest/gtest.h>
 
 #include "listen/chains.hpp"
+#include "listen_times.hpp"
 
 namespace ontime::listen {
 namespace {
 
 using namespace std::chrono_literals;
 using testing::ElementsAre;
-
-constexpr std::int64_t ms = 1'000'000;
 
 // Processes 1 to 4 publish /scan, take it and publish /map, take that and publish /cmd_vel, take that. The
 // thread that does it has the process's number; a publisher too.

@@ -11,16 +11,16 @@
 namespace ontime::listen {
 namespace {
 
-using Bytes = std::vector<std::uint8_t>;
+using Instructions = std::vector<std::uint8_t>;
 constexpr std::uint64_t address = 0x1000;
 
-Entry entry_at(const Bytes& bytes, std::vector<std::size_t> arguments, bool is_whole = true) {
+Entry entry_at(const Instructions& bytes, std::vector<std::size_t> arguments, bool is_whole = true) {
   return entry_of({bytes, address, is_whole}, arguments);
 }
-Exit exit_at(const Bytes& bytes, bool is_whole = true) { return exit_of({bytes, address, is_whole}); }
+Exit exit_at(const Instructions& bytes, bool is_whole = true) { return exit_of({bytes, address, is_whole}); }
 
 // dds_take() of Cyclone DDS 0.10.2 as Debian compiles it: all that it does is to call a function of its own.
-const Bytes wrapper{
+const Instructions wrapper{
     0x48, 0x83, 0xec, 0x08,        // sub $8, %rsp
     0x31, 0xc0,                    // xor %eax, %eax
     0x41, 0x83, 0xf8, 0xed,        // cmp $-19, %r8d
@@ -46,7 +46,7 @@ TEST(CodeOfFunction, ThatShiftsItsArgumentsHasThemWhereTheyAreAtTheCheapPlace) {
 }
 
 TEST(CodeOfFunction, WhoseArgumentIsGoneBeforeTheFirstCheapPlaceIsProbedAtItsFirstByte) {
-  Bytes code = wrapper;
+  Instructions code = wrapper;
   code[push_at] = 0x90;                               // nop
   code[10] = 0x31, code[11] = 0xd2, code[12] = 0x90;  // xor %edx, %edx; nop
   const auto entry = entry_at(code, {0, 2});
@@ -60,40 +60,42 @@ TEST(CodeOfFunction, ThatOnlyCallsAnotherReturnsWhereThatReturns) {
 }
 
 TEST(CodeOfFunction, ThatChangesTheResultOfItsCallReturnsByItself) {
-  Bytes code = wrapper;
+  Instructions code = wrapper;
   code[call_at + 5] = 0x48, code[call_at + 6] = 0x31, code[call_at + 7] = 0xc0;  // xor %rax, %rax
   code[call_at + 8] = 0x90;
   EXPECT_FALSE(exit_at(code).callee);
 }
 
 TEST(CodeOfFunction, ThatMayReturnBeforeItsCallReturnsByItself) {
-  Bytes code = wrapper;
+  Instructions code = wrapper;
   code[14 - 1] = 0x74, code[14] = 0x10, code[15] = 0x90;  // je beyond the call
   EXPECT_FALSE(exit_at(code).callee);
 }
 
 // Of Fast DDS 2.9.1 as Debian compiles it.
 TEST(CodeOfFunction, ThatReturnsAMemberTellsWhereItIs) {
-  const Bytes returns{0x48, 0x8b, 0x47, 0x30, 0xc3};                         // mov 0x30(%rdi), %rax; ret
-  const Bytes calls{0x48, 0x8b, 0x7f, 0x48, 0xe9, 0x00, 0x01, 0x00, 0x00};   // mov 0x48(%rdi), %rdi; jmp
-  const Bytes marked{0xf3, 0x0f, 0x1e, 0xfa, 0x48, 0x8b, 0x47, 0x30, 0xc3};  // endbr64, as Ubuntu compiles it
+  const Instructions returns{0x48, 0x8b, 0x47, 0x30, 0xc3};  // mov 0x30(%rdi), %rax; ret
+  const Instructions calls{0x48, 0x8b, 0x7f, 0x48, 0xe9,
+                           0x00, 0x01, 0x00, 0x00};  // mov 0x48(%rdi), %rdi; jmp
+  const Instructions marked{0xf3, 0x0f, 0x1e, 0xfa, 0x48,
+                            0x8b, 0x47, 0x30, 0xc3};  // endbr64, as Ubuntu compiles it
   EXPECT_EQ(offset_of_member({returns, address, true}), 0x30U);
   EXPECT_EQ(offset_of_member({calls, address, true}), 0x48U);
   EXPECT_EQ(offset_of_member({marked, address, true}), 0x30U);
 }
 
 TEST(CodeOfFunction, ThatDoesMoreThanReturnAMemberIsRefused) {
-  const Bytes of_another{0x48, 0x8b, 0x46, 0x30, 0xc3};  // mov 0x30(%rsi), %rax; ret
-  const Bytes chained{0x48, 0x8b, 0x47, 0x30,
-                      0x48, 0x8b, 0x00, 0xc3};  // mov 0x30(%rdi), %rax; mov (%rax), %rax; ret
-  const Bytes table{0x48, 0x8b, 0x07, 0xc3};    // mov (%rdi), %rax; ret
-  for (const auto& code : {of_another, chained, table, Bytes{0xc3}, Bytes{}})
+  const Instructions of_another{0x48, 0x8b, 0x46, 0x30, 0xc3};  // mov 0x30(%rsi), %rax; ret
+  const Instructions chained{0x48, 0x8b, 0x47, 0x30,
+                             0x48, 0x8b, 0x00, 0xc3};  // mov 0x30(%rdi), %rax; mov (%rax), %rax; ret
+  const Instructions table{0x48, 0x8b, 0x07, 0xc3};    // mov (%rdi), %rax; ret
+  for (const auto& code : {of_another, chained, table, Instructions{0xc3}, Instructions{}})
     EXPECT_FALSE(offset_of_member({code, address, true}));
 }
 
 // rmw_take_with_info() of rmw_fastrtps_cpp: a jump to a function with one argument more.
 TEST(CodeOfFunction, ThatJumpsToAnotherHasBothPlacesAtTheJump) {
-  const Bytes code{
+  const Instructions code{
       0x4d, 0x89, 0xc1,              // mov %r8, %r9
       0x49, 0x89, 0xc8,              // mov %rcx, %r8
       0x48, 0x89, 0xd1,              // mov %rdx, %rcx
@@ -112,7 +114,7 @@ TEST(CodeOfFunction, ThatJumpsToAnotherHasBothPlacesAtTheJump) {
 }
 
 TEST(CodeOfFunction, ThatBeginsWithAPushIsProbedThere) {
-  const Bytes code{0x55, 0x5d, 0xc3};  // push %rbp; pop %rbp; ret
+  const Instructions code{0x55, 0x5d, 0xc3};  // push %rbp; pop %rbp; ret
   EXPECT_TRUE(begins_cheaply({code, address, true}));
   EXPECT_TRUE(entry_at(code, {0}).is_cheap);
   EXPECT_TRUE(exit_at(code).is_cheap);
@@ -120,10 +122,10 @@ TEST(CodeOfFunction, ThatBeginsWithAPushIsProbedThere) {
 }
 
 TEST(CodeOfFunction, ThatLoopsBackBehindItsFirstByteIsNotProbedInTheLoop) {
-  const Bytes code{0x31, 0xc0,  // xor %eax, %eax
-                   0x90,        // nop
-                   0x75, 0xfd,  // jne to the nop
-                   0xc3};
+  const Instructions code{0x31, 0xc0,  // xor %eax, %eax
+                          0x90,        // nop
+                          0x75, 0xfd,  // jne to the nop
+                          0xc3};
   EXPECT_FALSE(entry_at(code, {0}).is_cheap);
   EXPECT_EQ(entry_at(code, {0}).offset, 0U);
 }

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "listen/listen.hpp"
+#include "listen_times.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -25,7 +26,7 @@ class Script final : public transport::Hearing {
   std::vector<Heard> all_;
 };
 
-constexpr std::int64_t ms = 1'000'000, begin_ns = 1'700'000'000'000 * ms;
+constexpr std::int64_t begin_ns = 1'700'000'000'000 * ms;
 
 Heard heard(std::uint64_t sequence, std::int64_t age_ns = ms, bool is_one_host = true) {
   const auto stamp_ns = begin_ns + static_cast<std::int64_t>(sequence) * 10 * ms;

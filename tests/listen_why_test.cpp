@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "listen/why.hpp"
+#include "listen_times.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -10,7 +11,6 @@ namespace {
 using testing::HasSubstr;
 using trace::Kind;
 
-constexpr std::int64_t us = 1'000, ms = 1'000'000;
 constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30;
 constexpr std::int64_t published = 100 * ms;
 

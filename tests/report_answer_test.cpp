@@ -15,7 +15,6 @@ using ::testing::Not;
 using ::testing::StartsWith;
 using State = Answer::State;
 
-constexpr std::uint64_t ms = 1'000'000;
 const Origin kept{"demo.ontime", true};
 
 struct Conditions {

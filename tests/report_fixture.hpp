@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <iterator>
 #include <map>
 #include <sstream>
@@ -22,6 +23,8 @@ using table::width_of;
 
 using nlohmann::json;
 using statistics::Summary;
+
+constexpr std::int64_t us = 1'000, ms = 1'000'000;  // in ns
 
 constexpr Format all_formats[] = {Format::table,    Format::json,  Format::csv,
                                   Format::markdown, Format::latex, Format::html};

@@ -29,8 +29,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-constexpr std::int64_t ms = 1'000'000;
-
 Sample sample(std::uint64_t index, std::int64_t round_trip_ns, Fate fate = Fate::on_time) {
   Sample s{};
   s.index = index;

@@ -26,7 +26,6 @@ std::size_t count_of(const std::string& what, const std::string& text) {
   return count;
 }
 
-constexpr std::int64_t us = 1'000, ms = 1'000'000;
 constexpr std::int32_t sends = 10, answers = 20, culprit = 99;
 
 // Between two ends of one machine. Of messages 40, 41 … the component's thread waited 20 ms for CPU 1, which

@@ -54,12 +54,12 @@ def changed_code(pid):
 
 
 def until_probed(nodes):
-    """The last probes are set when two seconds bring no more, twice."""
+    """The last probes are set when three looks, a second apart, see the same."""
     assert eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes))
     counts = [None]
     while len(counts) < 3 or len({str(count) for count in counts[-3:]}) > 1:
         counts.append([changed_code(node.pid) for node in nodes])
-        time.sleep(2)
+        time.sleep(1)
 
 
 def captures(pid):
