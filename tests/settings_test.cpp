@@ -86,6 +86,20 @@ TEST(Words, OneCpuHasAPriorityOfItsOwn) {
   EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0"), journal::Error) << "what cannot be given back";
 }
 
+TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
+  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, file{&kernel_sysctl, "kernel/timer_migration"};
+  const auto shown = [](const char* name, const Thing& thing, const std::string& now) {
+    return value_that_keeps(setting(name), thing, now);
+  };
+  EXPECT_EQ(shown("ksoftirqd", first, "fifo:60"), "60");
+  EXPECT_EQ(shown("ksoftirqd", first, "other:0"), "other");
+  EXPECT_EQ(shown("timer-migration", file, "1"), "on");
+  EXPECT_EQ(shown("rt-throttling", file, "-1"), "off");
+  EXPECT_EQ(shown("busy-poll", file, "50"), "50");
+  EXPECT_EQ(shown("ksoftirqd", first, "policy 6:0"), "policy 6:0") << "no value of ontime's";
+  EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
+}
+
 TEST(Words, CoalescingChangesWhatIsSaidAndNoMore) {
   EXPECT_EQ(with_coalescing("rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off",
                             "rx-usecs=0,adaptive-rx=off"),

@@ -151,7 +151,8 @@ int show(const TuneArguments& arguments) {
     std::vector<std::string> words;
     for (const auto& [thing, value] : state.things) {
       things[thing.title()] = value;
-      words.push_back(state.things.size() == 1 ? value : fmt::format("{} {}", thing.title(), value));
+      const auto word = settings::value_that_keeps(*state.setting, thing, value);
+      words.push_back(state.things.size() == 1 ? word : fmt::format("{} {}", thing.title(), word));
     }
     all.push_back({{"setting", state.setting->name},
                    {"values", state.setting->values},

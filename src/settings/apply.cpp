@@ -174,6 +174,17 @@ journal::Value now(const Change& change, const Link& link) {
   return value;
 }
 
+std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
+  std::vector<std::string> words{"on", "off", "other"};
+  for (int priority = 1; priority <= 99; ++priority) words.push_back(std::to_string(priority));
+  for (const auto& word : words) try {
+      setting.check(word);
+      if (setting.wanted(word, thing, now) == now) return word;
+    } catch (const std::exception&) {  // no value of this setting, or none that can be had here
+    }
+  return now;
+}
+
 std::vector<State> show(const Link& link) {
   std::vector<State> states;
   for (const auto& setting : table()) {

@@ -96,6 +96,8 @@ struct State {
   std::string cannot;
 };
 std::vector<State> show(const Link&);
+// The value that would leave a thing that is `now` so as it is: "on", "60"; `now` where no such word would.
+std::string value_that_keeps(const Setting&, const Thing&, const std::string& now);
 
 // "ontime tune apply --set gro=off --interface eth0"
 std::string command_to_apply(const std::string& program, const Wishes&, const Link&);
