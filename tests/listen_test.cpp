@@ -384,7 +384,7 @@ TEST_F(JudgedPair, MessageUnderWayWhileProbesAreSetIsNotJudged) {
   const auto before = flow();
   publish(at(10));
   rows.clear();
-  messages.add_probing(at(10) + 1'000'000, at(12));
+  messages.add_probing(at(10) + 100'000, at(12));
   take(at(12) + 100'000, at(10) + 2'000);
   EXPECT_EQ(flow().late, 0U);
   EXPECT_EQ(flow().not_judged, 1U);
@@ -419,6 +419,29 @@ TEST_F(JudgedPair, LossWhileProbesAreSetIsNotJudged) {
   EXPECT_EQ(flow().lost, 1U);
   EXPECT_EQ(flow().lost_not_judged, 2U);
   EXPECT_EQ(std::ranges::count(rows, 0, &Row::to_ns), 1);
+}
+
+TEST_F(JudgedPair, GapThatIsTooLongWithoutTheProbesIsLate) {
+  get_acquainted();
+  messages.add_probing(at(10), at(10) + 1'000'000);
+  arrive(at(13));
+  EXPECT_EQ(flow().late, 1U);
+  EXPECT_EQ(flow().not_judged, 0U);
+}
+
+TEST_F(JudgedPair, LossThatProbesMayExplainMayComeAfterAll) {
+  get_acquainted();
+  publish(at(10));
+  messages.add_probing(at(10) + 100'000, at(11));
+  publish(at(11) + 1'000);
+  take(at(11) + 50'000, at(11) + 3'000);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().lost_not_judged, 1U);
+  take(at(11) + 60'000, at(10) + 2'000);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().lost_not_judged, 0U);
+  EXPECT_EQ(flow().reordered, 1U);
+  EXPECT_EQ(flow().duplicated, 0U);
 }
 
 TEST_F(JudgedPair, WriterThatProbesHeldUpIsNotJudgedByItsPeriod) {

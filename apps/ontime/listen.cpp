@@ -167,6 +167,16 @@ class Listening {
                               table::printable(found->topic)));
       return 1;
     }
+    const auto lacks_periods = [](const listen::Flow& flow) {
+      return flow.period.count() == 0 && flow.not_judged > 0;
+    };
+    if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
+        limits_.longest_gap() && found != findings.flows.end()) {
+      print_error(fmt::format(
+          "open: no period of {} was judged, because ontime set or removed probes then: listen longer",
+          table::printable(found->topic)));
+      return 1;
+    }
     return std::ranges::any_of(findings.flows,
                                [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
                ? 1
@@ -358,7 +368,7 @@ class Listening {
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (has_not_judged(findings))
-      output_.write("not judged: messages that were under way while ontime set or removed probes\n");
+      output_.write("not judged: late or lost, perhaps because ontime set or removed probes then\n");
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)

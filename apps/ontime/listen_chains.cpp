@@ -140,7 +140,9 @@ std::size_t came_out(const listen::Chain& chain) {
 }
 
 bool misses(const listen::Chain& chain) {
-  return chain.wish.age && (came_out(chain) == 0 || chain.silent_ns > 0 || chain.forgotten_late > 0 ||
+  const auto is_judged = [](const auto& path) { return path.age.count() > 0; };
+  return chain.wish.age && ((chain.forgotten == 0 && std::ranges::none_of(chain.paths, is_judged)) ||
+                            chain.silent_ns > 0 || chain.forgotten_late > 0 ||
                             std::ranges::any_of(chain.paths, [](const auto& path) { return path.late > 0; }));
 }
 

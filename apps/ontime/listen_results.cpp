@@ -156,7 +156,9 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     if (kept.samples.empty() && kept.latest.empty()) continue;
     const auto found = flows.find(key.first);
     const auto* flow = found == flows.end() ? nullptr : found->second;
-    if (flow != nullptr) kept.counted = {flow->lost, flow->duplicated, flow->reordered};
+    if (flow != nullptr)
+      kept.counted = {flow->lost, flow->duplicated, flow->reordered,
+                      flow->not_judged + flow->lost_not_judged};
     if (kept.run == 0) {
       const bool is_old = is_end || now - kept.since > named_after;
       if (flow != nullptr && (is_old || has_both_ends(*flow)))
@@ -183,6 +185,7 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
       writer_.note_outcome(kept.run, outcome);
       continue;
     }
+    note_not_judged(kept);
     writer_.end_run(kept.run, outcome);
     names_.erase(kept.name);
     kept_.erase(one);
@@ -290,6 +293,15 @@ json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   return outcome;
 }
 
+void ListenResults::note_not_judged(const Kept& kept) {
+  if (kept.counted.not_judged > 0)
+    writer_.note(kept.run,
+                 {"not-judged",
+                  fmt::format("{} messages of the flow are not judged: ontime set or removed probes then",
+                              kept.counted.not_judged),
+                  std::nullopt, std::nullopt});
+}
+
 json ListenResults::about_machine() const {
   if (is_recording_) return json::object();
   return {{"hosts", {{"controller", {{"machine", machine::describe()}}}}},
@@ -300,8 +312,6 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
   until_it_fails([&] {
     for (const auto& flow : wanted.flows) add_silence(flow);
     write(wanted.flows, true);
-    std::map<std::uint64_t, std::uint64_t> not_judged;
-    for (const auto& flow : wanted.flows) not_judged[flow.id] = flow.not_judged + flow.lost_not_judged;
     const auto about = about_machine();
     for (const auto& [key, kept] : kept_) {
       if (kept.run == 0) continue;
@@ -315,10 +325,7 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
         note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
                                         "counted across them",
                                         wanted.sensor_lost));
-      if (const auto count = not_judged[key.first]; count > 0)
-        note("not-judged", fmt::format("{} messages are not judged: they were under way while ontime set or "
-                                       "removed probes",
-                                       count));
+      note_not_judged(kept);
       if (!pauses.empty()) note("pauses", pauses);
       if (left_out_ > 0)
         note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));

@@ -64,7 +64,7 @@ class ListenResults {
     listen::Distribution values;               // of rows
     struct {
       std::optional<std::uint64_t> lost;
-      std::uint64_t duplicated = 0, reordered = 0;
+      std::uint64_t duplicated = 0, reordered = 0, not_judged = 0;
     } counted;  // by the sensor
     Clock::time_point since = Clock::now();
     std::int64_t run = 0;                   // 0: not begun
@@ -73,6 +73,7 @@ class ListenResults {
     std::int64_t late = 0, lost = 0;        // rows
   };
   void add(Kept&, const roundtrip::Sample&, bool was_lost = false);
+  void note_not_judged(const Kept&);
   void add_silence(const listen::Flow&);
   void keep(Kept&, const roundtrip::Sample&, const listen::Miss*, std::optional<record::Note> cause);
   void write_worst(Kept&);

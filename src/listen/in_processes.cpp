@@ -96,10 +96,7 @@ class InProcesses final : public Sensor {
       realtime_ahead_ns_ = machine::realtime_offset_ns();
       ring_buffer__consume(ring_.get());
       if (change) {
-        const bool changes_code = !change->came.empty() || !change->gone.empty() || !finders_.empty();
-        const auto from_ns = now_ns();
-        follow(*change, from_ns);
-        if (changes_code) messages_.add_probing(from_ns, now_ns());
+        follow(*change, now_ns());
       }
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
@@ -173,9 +170,8 @@ class InProcesses final : public Sensor {
     messages_.retire_ended(now_ns);
     for (const auto id : change.gone) {
       messages_.end_process(id, now_ns);
-      of_process_.erase(id);
+      forget(id);
       ros_.erase(id);
-      finders_.erase(id);
       const auto is_of_it = [id = id](const auto& handle) { return handle.first == id; };
       std::erase_if(unnamed_, is_of_it);
       std::erase_if(seen_, is_of_it);
@@ -184,10 +180,8 @@ class InProcesses final : public Sensor {
       messages_.begin_process(process.id, process.name);
       // Of a ROS 2 node each message passes both libraries; its rmw, which it may load later, tells more.
       if (std::ranges::count(process.libraries, Middleware::rmw, &Mapping::middleware) > 0 &&
-          ros_.insert(process.id).second) {
-        of_process_.erase(process.id);
-        finders_.erase(process.id);
-      }
+          ros_.insert(process.id).second)
+        forget(process.id);
       for (const auto& library : process.libraries) {
         if (library.middleware == Middleware::rmw)
           probe(process, library, rmw_wishes(*probes_));
@@ -201,8 +195,21 @@ class InProcesses final : public Sensor {
           probe_cyclonedds(process, library);
       }
     }
-    for (auto finder = finders_.begin(); finder != finders_.end();)
-      finder = is_unnamed(finder->first) ? std::next(finder) : finders_.erase(finder);
+    for (auto& [id, links] : finders_)
+      if (!is_unnamed(id)) remove(links);
+    std::erase_if(finders_, [](const auto& finder) { return finder.second.empty(); });
+  }
+
+  void forget(std::uint32_t process) {
+    if (const auto own = of_process_.extract(process)) remove(own.mapped().links);
+    if (const auto finder = finders_.extract(process)) remove(finder.mapped());
+  }
+
+  void remove(std::vector<Link>& links) {
+    if (links.empty()) return;
+    const auto from_ns = now_ns();
+    links.clear();
+    messages_.add_probing(from_ns, now_ns());
   }
 
   // Of all processes at once: the kernel would switch the events of a single one with each of its threads,
@@ -268,6 +275,7 @@ class InProcesses final : public Sensor {
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
       std::vector<Link> own;
+      const auto from_ns = now_ns();
       const Library library(mapping.path);
       const auto attach = [&](const std::string& function, bpf_program* program, const Place& place,
                               bool on_return, std::uint64_t cookie) {
@@ -305,6 +313,7 @@ class InProcesses final : public Sensor {
       if (!costly.empty())
         remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
                            mapping.name, fmt::join(costly, ", ")));
+      if (!own.empty()) messages_.add_probing(from_ns, now_ns());
       std::move(own.begin(), own.end(), std::back_inserter(links));
       return true;
     } catch (const Error& error) {
@@ -357,12 +366,9 @@ class InProcesses final : public Sensor {
     if (own == of_process_.end() || !own->second.offset_of_name || !seen_.insert(key).second) return;
     unnamed_.insert(key);
     if (finders_.contains(event.process)) return;
-    const auto& programs = probes_->progs;
-    const auto from_ns = now_ns();
+    // Each call that has a handle ends so.
     set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
-        // Each call that has a handle ends with the first; a compiler may have put it into the second.
-        {{"dds_entity_unpin", programs.dds_entity_left}, {"dds_entity_unlock", programs.dds_entity_left}});
-    messages_.add_probing(from_ns, now_ns());
+        {{"dds_handle_unpin", probes_->progs.dds_entity_left}});
   }
 
   void found(const ontime_event& event) {

@@ -154,12 +154,13 @@ void Messages::published(const Observation& seen) {
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
       publisher.topic = name->second;
   }
-  if (!publisher.is_broken && probing_.overlaps(publisher.last_ns, seen.at_ns)) {
+  const auto is_gap = [this](std::int64_t ns) { return limits_.is_gap(ns); };
+  if (!publisher.is_broken && probing_.may_explain(publisher.last_ns, seen.at_ns, is_gap)) {
     ++publisher.not_judged;
   } else if (!publisher.is_broken) {
     const auto gap = seen.at_ns - publisher.last_ns;
     publisher.period.add(gap);
-    const bool is_late = limits_.is_gap(gap);
+    const bool is_late = is_gap(gap);
     if (is_late) ++publisher.late;
     publisher.rows.period(keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
   }
@@ -205,12 +206,13 @@ void Messages::taken(const Observation& seen) {
   }
   bool is_late = false, is_judged = true;
   bool is_new = false;
-  if (!link.is_broken && probing_.overlaps(link.last_ns, seen.at_ns)) {
+  const auto is_gap = [this](std::int64_t ns) { return limits_.is_gap(ns); };
+  if (!link.is_broken && probing_.may_explain(link.last_ns, seen.at_ns, is_gap)) {
     is_judged = false;
   } else if (!link.is_broken) {
     const auto gap = seen.at_ns - link.last_ns;
     link.period.add(gap);
-    if (limits_.is_gap(gap)) {
+    if (is_gap(gap)) {
       is_late = true;
       miss(Miss::Kind::gap, gap, link, seen, number);
     }
@@ -219,7 +221,8 @@ void Messages::taken(const Observation& seen) {
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
-    const bool has_verdict = !probing_.overlaps(seen.stamp_ns, seen.at_ns);
+    const bool has_verdict = !probing_.may_explain(
+        seen.stamp_ns, seen.at_ns, [this](std::int64_t ns) { return limits_.is_too_old(ns); });
     const bool is_too_old = has_verdict && limits_.is_too_old(age);
     if (has_verdict)
       link.age.add(age);
@@ -244,7 +247,7 @@ void Messages::taken(const Observation& seen) {
   link.last_number = number;
   link.is_broken = false;
   link.late += is_late ? 1 : 0;
-  link.not_judged += is_judged ? 0 : 1;
+  link.not_judged += is_judged || is_late ? 0 : 1;
   ++link.messages;
   link.last_ns = seen.at_ns;
 }
@@ -287,6 +290,8 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.fits = link.misfits = 0;
   link.age = {};
   link.sequence = {};
+  link.lost_not_judged = 0;
+  link.unjudged.reset();
   link.rows.restart();
 }
 
@@ -295,25 +300,27 @@ bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
   const auto stamp_ns = seen.stamp_ns;
   const auto& publisher = publishers_.at(*link.publisher);
   const auto keep = [&](std::uint64_t of) {
+    if (link.unjudged.test(of % remembered)) --link.lost_not_judged;
+    link.unjudged.reset(of % remembered);
     link.stamps[of % remembered] = stamp_ns;
     link.rows.age(
         keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late}, of,
         [&](std::uint64_t lost) {
-          const bool is_known = lost >= publisher.oldest();
-          return is_known && !link.sequence.is_missing(lost)
-                     ? 0
-                     : publisher.begun(std::max(lost, publisher.oldest()));
+          const auto known = std::max(lost, publisher.oldest());
+          return known == lost && link.unjudged.test(lost % remembered) ? 0 : publisher.begun(known);
         },
         is_judged);
     return true;
   };
-  // Each may have been lost because its reader was held up.
-  if (link.sequence.has_begun())
-    for (auto lost = std::max(link.sequence.next(), publisher.oldest()); lost < number; ++lost)
-      if (probing_.overlaps(publisher.begun(lost), publisher.begun(lost + 1))) {
-        link.sequence.pass_over(lost, lost);
-        ++link.lost_not_judged;
-      }
+  // Each may have been lost because its reader was held up. It may come after all.
+  if (const bool has_begun = link.sequence.has_begun(); !has_begun || number >= link.sequence.next()) {
+    for (auto lost = std::max(link.sequence.next(), publisher.oldest()); has_begun && lost < number; ++lost) {
+      const bool is_judged_loss = !probing_.may_explain(publisher.begun(lost), seen.at_ns);
+      link.unjudged.set(lost % remembered, !is_judged_loss);
+      link.lost_not_judged += is_judged_loss ? 0 : 1;
+    }
+    link.unjudged.reset(number % remembered);
+  }
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
   switch (link.sequence.see(number)) {
     case Sequence::Fate::overtaken:
@@ -384,7 +391,7 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
   if (link.publisher) {
     flow.writer = party(link.publisher->first);
     flow.age = link.age;
-    flow.lost = link.sequence.lost();
+    flow.lost = link.sequence.lost() - link.lost_not_judged;
     flow.lost_not_judged = link.lost_not_judged;
   }
   return flow;

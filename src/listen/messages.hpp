@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <bitset>
 #include <cstdint>
 #include <deque>
 #include <map>
@@ -113,6 +114,7 @@ class Messages {
     int fits = 0, misfits = 0;  // of the candidate's stamps; of the publisher's, misfits in a row
     std::int64_t misfits_since_ns = 0;
     Sequence sequence;                 // of the publisher's numbers
+    std::bitset<remembered> unjudged;  // by number: missing, and not judged
     std::vector<std::int64_t> stamps;  // of those taken, by number; empty without a publisher
   };
   using Writer = std::tuple<std::uint32_t, std::uint64_t, std::array<std::uint8_t, 16>>;

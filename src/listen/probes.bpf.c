@@ -231,7 +231,7 @@ int dds_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// Cyclone DDS is done with an entity, which begins with its handle: so the address of an endpoint is known.
+// Cyclone DDS is done with an entity, which begins with its handle: so its address is known.
 SEC("uprobe")
 int dds_entity_left(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs), entity = value(regs, cookie, ontime_cookie_endpoint);

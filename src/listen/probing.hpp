@@ -1,27 +1,49 @@
 // SPDX-License-Identifier: Apache-2.0
-// When ontime set or removed probes. The kernel holds up threads whose code it changes: what was under way
-// then is late by ontime, and is judged by no limit.
+// When ontime set or removed probes. The kernel may hold up threads whose code it changes: what is late by
+// that is not judged.
 #pragma once
 
+#include <algorithm>
+#include <cstddef>
 #include <cstdint>
+#include <deque>
+#include <utility>
 
 namespace ontime::listen {
 
-// CLOCK_MONOTONIC. Of times near to one another the whole is kept, of others the last: messages are judged
-// soon after they came.
+// CLOCK_MONOTONIC. Messages are judged soon after they came: only the latest times are kept.
 class Probing {
  public:
   void add(std::int64_t from_ns, std::int64_t to_ns) {
-    constexpr std::int64_t near_ns = 100'000'000;
-    if (from_ns - to_ns_ > near_ns) from_ns_ = from_ns;
-    to_ns_ = to_ns;
+    if (!times_.empty() && from_ns - times_.back().second <= near_ns) {
+      times_.back().second = to_ns;
+      return;
+    }
+    if (times_.size() == most_kept) times_.pop_front();
+    times_.emplace_back(from_ns, to_ns);
   }
-  bool overlaps(std::int64_t from_ns, std::int64_t to_ns) const {
-    return from_ns_ <= to_ns && from_ns <= to_ns_;
+  // Whether ontime may be why this time is beyond a limit, or what most of it is. Not where the rest of it is
+  // beyond the limit, too.
+  template <class IsBeyond>
+  bool may_explain(std::int64_t from_ns, std::int64_t to_ns, const IsBeyond& is_beyond) const {
+    const auto own_ns = within(from_ns, to_ns), all_ns = to_ns - from_ns;
+    if (own_ns == 0 || is_beyond(all_ns - own_ns)) return false;
+    return is_beyond(all_ns) || 2 * own_ns >= all_ns;
+  }
+  bool may_explain(std::int64_t from_ns, std::int64_t to_ns) const {
+    return may_explain(from_ns, to_ns, [](std::int64_t) { return false; });
   }
 
  private:
-  std::int64_t from_ns_ = 0, to_ns_ = -1;
+  static constexpr std::int64_t near_ns = 10'000'000;
+  static constexpr std::size_t most_kept = 64;
+  std::int64_t within(std::int64_t from_ns, std::int64_t to_ns) const {
+    std::int64_t sum_ns = 0;
+    for (auto time = times_.rbegin(); time != times_.rend() && time->second > from_ns; ++time)
+      sum_ns += std::max<std::int64_t>(std::min(to_ns, time->second) - std::max(from_ns, time->first), 0);
+    return sum_ns;
+  }
+  std::deque<std::pair<std::int64_t, std::int64_t>> times_;
 };
 
 }  // namespace ontime::listen

@@ -237,9 +237,9 @@ std::string nearest(const Comparison& comparison) {
       for (std::size_t i = 0; i < keys.size(); ++i)
         parts.push_back((values[0][i].empty() || values[1][i].empty() ? keys[i] + ": " : "") +
                         word(values[0][i]) + " → " + word(values[1][i]));
-      nearest = fmt::format(
-          "Nearest: {} of A, {} of B; different: {}. To compare runs all the same: --from and --to.",
-          gate::name_of(from), gate::name_of(to), join(parts, "; "));
+      nearest =
+          fmt::format("Nearest: {} of A, {} of B; different: {}. To compare them anyway: --from and --to.",
+                      gate::name_of(from), gate::name_of(to), join(parts, "; "));
     }
   return nearest;
 }

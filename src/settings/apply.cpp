@@ -175,8 +175,8 @@ journal::Value now(const Change& change, const Link& link) {
 }
 
 std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
-  std::vector<std::string> words{"on", "off", "other"};
-  for (int priority = 1; priority <= 99; ++priority) words.push_back(std::to_string(priority));
+  std::vector<std::string> words{"on", "off", "other", "none", realtime::list_of(online_cpus())};
+  for (int number = 0; number <= 99; ++number) words.push_back(std::to_string(number));  // a priority, a CPU
   for (const auto& word : words) try {
       setting.check(word);
       if (setting.wanted(word, thing, now) == now) return word;

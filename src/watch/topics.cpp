@@ -44,6 +44,7 @@ TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& value
 TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
   return {.messages = flow.messages,
           .late = flow.late,
+          .not_judged = flow.not_judged + flow.lost_not_judged,
           .lost = flow.lost,
           .duplicated = flow.duplicated,
           .reordered = flow.reordered,
@@ -53,13 +54,18 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
-  return {.messages = path.age.count(), .late = path.late, .age = spread_of(path.age), .silent_ns = 0};
+  return {.messages = path.age.count() + path.not_judged,
+          .late = path.late,
+          .not_judged = path.not_judged,
+          .age = spread_of(path.age),
+          .silent_ns = 0};
 }
 
 // By what `now` has more than `before`.
 void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now) {
   const auto more = [](std::uint64_t from, std::uint64_t to) { return to - std::min(from, to); };
-  for (const auto member : {&Counts::messages, &Counts::late, &Counts::duplicated, &Counts::reordered})
+  for (const auto member :
+       {&Counts::messages, &Counts::late, &Counts::not_judged, &Counts::duplicated, &Counts::reordered})
     series.*member += more(before.*member, now.*member);
   if (now.lost) series.lost = series.lost.value_or(0) + more(before.lost.value_or(0), *now.lost);
   for (const auto member : {&Counts::age, &Counts::period}) {
@@ -132,6 +138,8 @@ std::string TopicCounters::metrics() const {
         "Messages of a topic that a reader took; without a reader, that were published.",
         [](const auto& counts) { return counts.messages; });
   count("topic_late_total", "Messages that missed a limit.", [](const auto& counts) { return counts.late; });
+  count("topic_not_judged_total", "Messages that were under way while ontime set or removed probes.",
+        [](const auto& counts) { return counts.not_judged; });
   count("topic_lost_total", "Messages that were published and never taken.",
         [](const auto& counts) { return counts.lost; });
   count("topic_duplicated_total", "Messages that were taken again.",

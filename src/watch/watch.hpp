@@ -111,7 +111,7 @@ class TopicCounters {
     std::uint64_t count() const { return std::accumulate(counts.begin(), counts.end(), std::uint64_t{0}); }
   };
   struct Counts {
-    std::uint64_t messages = 0, late = 0;
+    std::uint64_t messages = 0, late = 0, not_judged = 0;
     std::optional<std::uint64_t> lost{};  // empty: the sensor cannot tell
     std::uint64_t duplicated = 0, reordered = 0;
     Spread age{}, period{};
