@@ -368,7 +368,7 @@ class Listening {
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (has_not_judged(findings))
-      output_.write("not judged: late or lost, perhaps because ontime set or removed probes then\n");
+      output_.write("not judged: messages that ontime may have delayed, while it set or removed probes\n");
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)

@@ -8,6 +8,7 @@
 #include <net/if.h>
 #include <unistd.h>
 
+#include "realtime/realtime.hpp"
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
