@@ -54,7 +54,7 @@ TEST(Compare, ConditionThatKeepsRunsApartIsNamed) {
   amend(b[1].run.asked, {{"deadline_us", 5000}});
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, HasSubstr("No run of A has the same conditions"));
-  EXPECT_THAT(text, HasSubstr("deadline"));
+  EXPECT_THAT(text, HasSubstr("deadline: 10 ms → 5 ms"));
   EXPECT_THAT(text, Not(HasSubstr("payload"))) << "the nearest alone";
 }
 

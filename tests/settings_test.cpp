@@ -96,6 +96,7 @@ TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
   EXPECT_EQ(shown("timer-migration", file, "1"), "on");
   EXPECT_EQ(shown("rt-throttling", file, "-1"), "off");
   EXPECT_EQ(shown("busy-poll", file, "50"), "50");
+  EXPECT_EQ(shown("rmem-max", file, "212992"), "212992 B");
   EXPECT_EQ(shown("ksoftirqd", first, "policy 6:0"), "policy 6:0") << "no value of ontime's";
   EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
 }

@@ -65,7 +65,7 @@ bool is_wanted_of_fastdds(std::string_view name) {
 
 bool is_wanted(std::string_view name) {
   return is_wanted_of_fastdds(name) || name.starts_with("rmw_publish") || name.starts_with("rmw_take") ||
-         name.starts_with("dds_take") || name.starts_with("dds_write") || name.starts_with("dds_entity_") ||
+         name.starts_with("dds_take") || name.starts_with("dds_write") || name == "dds_handle_unpin" ||
          name == "dds_get_name" || name == "rmw_wait" || name == "dds_waitset_wait" ||
          name == "rcl_timer_call";
 }

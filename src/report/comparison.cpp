@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/comparison.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -226,20 +228,18 @@ ordered_json json_of(const Pair& pair) {
 
 // Of all without a partner, the two that differ least, and in what.
 std::string nearest(const Comparison& comparison) {
+  constexpr std::size_t most = 100;  // of a side: each is held against each
   std::string nearest;
   std::size_t least = 0;
-  for (const auto& from : comparison.only_from)
-    for (const auto& to : comparison.only_to) {
-      const auto [keys, values] = differences_between({from.front(), to.front()});
-      if (keys.empty() || (least != 0 && keys.size() >= least)) continue;
-      least = keys.size();
-      std::vector<std::string> parts;
-      for (std::size_t i = 0; i < keys.size(); ++i)
-        parts.push_back((values[0][i].empty() || values[1][i].empty() ? keys[i] + ": " : "") +
-                        word(values[0][i]) + " → " + word(values[1][i]));
-      nearest =
-          fmt::format("Nearest: {} of A, {} of B; different: {}. To compare them anyway: --from and --to.",
-                      gate::name_of(from), gate::name_of(to), join(parts, "; "));
+  for (const auto& from : std::span(comparison.only_from).first(std::min(most, comparison.only_from.size())))
+    for (const auto& to : std::span(comparison.only_to).first(std::min(most, comparison.only_to.size()))) {
+      const auto different = key_differences(*from.front(), *to.front());
+      if (different.empty() || (least != 0 && different.size() >= least)) continue;
+      least = different.size();
+      nearest = fmt::format(
+          "Nearest: {} of A and {} of B. Different: {}. To compare them anyway: --from {} --to {}",
+          gate::name_of(*from.front()), gate::name_of(*to.front()), join(different, "; "),
+          from.front()->run.number, to.front()->run.number);
     }
   return nearest;
 }

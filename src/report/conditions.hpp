@@ -37,6 +37,8 @@ struct Differences {
   std::vector<std::vector<std::string>> values;  // a row for each of the group, a value for each key
 };
 Differences differences_between(const Group&);
+// The keys of a scenario that are not the same in two runs, but for their names: "deadline: 10 ms → 5 ms".
+std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);
 
 // The options of the transports at the two ends of runs, a column each: "option.executor",
 // "component_option.rmw", those of the component where they are its own. As asked for, or, of RMW and
