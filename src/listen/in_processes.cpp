@@ -95,9 +95,7 @@ class InProcesses final : public Sensor {
       }
       realtime_ahead_ns_ = machine::realtime_offset_ns();
       ring_buffer__consume(ring_.get());
-      if (change) {
-        follow(*change, now_ns());
-      }
+      if (change) follow(*change, now_ns());
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
     } while (std::chrono::steady_clock::now() < until);
