@@ -476,11 +476,12 @@ std::vector<std::string> key_differences(const Summary& from, const Summary& to)
     if (before != after) add(field.path, value_of(field, before), value_of(field, after));
   }
   // What has words for several keys together: "load", "kernel".
-  const auto [keys, texts] = differences_between({&from, &to});
+  const auto in_words = differences_between({&from, &to});
+  const auto& keys = in_words.keys;
   for (std::size_t i = 0; i < keys.size(); ++i)
     if (std::ranges::none_of(
             told, [&](const std::string& key) { return key == keys[i] || key.starts_with(keys[i] + "."); }))
-      add(keys[i], texts[0][i], texts[1][i]);
+      add(keys[i], in_words.values[0][i], in_words.values[1][i]);
   return differences;
 }
 
