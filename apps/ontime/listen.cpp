@@ -19,6 +19,7 @@
 #include "listen_chains.hpp"
 #include "listen_results.hpp"
 #include "listen_sensor.hpp"
+#include "listen_verdict.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
 #include "output.hpp"
@@ -149,38 +150,7 @@ class Listening {
     if (results) tell_of(*results);
     if (results && !results->failure().empty()) return 3;
     if (is_cut_off) return 130;
-    // A silent topic misses every limit.
-    if (!is_all_seen) return is_judged_ || has_chain_limit() ? 1 : 2;
-    if (std::ranges::any_of(findings.chains, misses)) return 1;
-    if (std::ranges::any_of(findings.chains,
-                            [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
-      return 2;
-    if (is_judged_ && findings.flows.empty()) return 1;
-    if (findings.forgotten.with_misses > 0) return 1;
-    // What no process takes has no age, and needs none.
-    const auto lacks_age = [&](const listen::Flow& flow) {
-      return !is_age_known(flow) && (flow.reader.process != 0 || !arguments_.is_in_processes());
-    };
-    if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
-        limits_.age && found != findings.flows.end()) {
-      print_error(fmt::format("open: --age {}: the age of {} is not known", arguments_.age,
-                              table::printable(found->topic)));
-      return 1;
-    }
-    const auto lacks_periods = [](const listen::Flow& flow) {
-      return flow.period.count() == 0 && flow.not_judged > 0;
-    };
-    if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
-        limits_.longest_gap() && found != findings.flows.end()) {
-      print_error(fmt::format(
-          "open: no period of {} was judged, because ontime set or removed probes then: listen longer",
-          table::printable(found->topic)));
-      return 1;
-    }
-    return std::ranges::any_of(findings.flows,
-                               [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
-               ? 1
-               : 0;
+    return exit_code_of(findings, limits_, arguments_, is_all_seen);
   }
 
  private:
@@ -193,10 +163,6 @@ class Listening {
   }
 
   bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }
-
-  bool has_chain_limit() const {
-    return std::ranges::any_of(chains_, [](const auto& chain) { return chain.age.has_value(); });
-  }
 
   static listen::Findings with_chains(listen::Findings findings) {
     for (const auto& chain : findings.chains)
@@ -326,16 +292,6 @@ class Listening {
           "programs see the packets: --packets any");
   }
 
-  bool has_not_judged(const listen::Findings& findings) const {
-    const auto has = [](const auto& one) { return one.not_judged > 0; };
-    const auto lost = [](const auto& flow) { return flow.lost_not_judged > 0; };
-    const auto& flows = findings.flows;
-    return !arguments_.list && (std::ranges::any_of(flows, has) || std::ranges::any_of(flows, lost) ||
-                                std::ranges::any_of(findings.chains, [&](const auto& chain) {
-                                  return std::ranges::any_of(chain.paths, has);
-                                }));
-  }
-
   std::uint64_t misses_left_out(const listen::Findings& findings) const {
     return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
                            [](auto sum, const auto& topic) { return sum + topic.second; });
@@ -367,7 +323,9 @@ class Listening {
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
-    if (has_not_judged(findings))
+    if (!arguments_.list && std::ranges::any_of(with_chains(findings).flows, [](const auto& flow) {
+          return flow.not_judged + flow.lost_not_judged > 0;
+        }))
       output_.write("not judged: messages that ontime may have delayed, while it set or removed probes\n");
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));

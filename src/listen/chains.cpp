@@ -191,9 +191,9 @@ void ChainFollower::reach(std::uint64_t origin, std::size_t stage) {
 
 void ChainFollower::arrive(const Journey& journey) {
   const auto from_ns = journey.at_ns[0], to_ns = journey.at_ns[last_stage()];
-  const auto is_beyond = [this](std::int64_t ns) { return wish_.age && ns > wish_.age->count(); };
-  const bool is_judged = !probing_.may_explain(from_ns, to_ns, is_beyond);
-  const bool is_late = is_judged && is_beyond(to_ns - from_ns);
+  const auto verdict = probing_.judge(
+      from_ns, to_ns, [this](std::int64_t ns) { return wish_.age && ns > wish_.age->count(); });
+  const bool is_late = verdict == Probing::Verdict::late;
   last_arrival_ns_ = to_ns;
   waiting_since_ns_ = 0;
   auto* const path = path_of(journey);
@@ -204,7 +204,7 @@ void ChainFollower::arrive(const Journey& journey) {
   }
   auto& found = path->found;
   found.last_ns = to_ns;
-  if (!is_judged) {
+  if (verdict == Probing::Verdict::not_judged) {
     ++found.not_judged;
     return;
   }

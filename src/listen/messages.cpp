@@ -154,15 +154,16 @@ void Messages::published(const Observation& seen) {
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
       publisher.topic = name->second;
   }
-  const auto is_gap = [this](std::int64_t ns) { return limits_.is_gap(ns); };
-  if (!publisher.is_broken && probing_.may_explain(publisher.last_ns, seen.at_ns, is_gap)) {
-    ++publisher.not_judged;
-  } else if (!publisher.is_broken) {
-    const auto gap = seen.at_ns - publisher.last_ns;
-    publisher.period.add(gap);
-    const bool is_late = is_gap(gap);
-    if (is_late) ++publisher.late;
-    publisher.rows.period(keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
+  if (!publisher.is_broken) {
+    const auto verdict = judge_gap(publisher.last_ns, seen.at_ns);
+    if (verdict == Verdict::not_judged) {
+      ++publisher.not_judged;
+    } else {
+      const bool is_late = verdict == Verdict::late;
+      publisher.period.add(seen.at_ns - publisher.last_ns);
+      if (is_late) ++publisher.late;
+      publisher.rows.period(keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
+    }
   }
   publisher.is_broken = false;
   publisher.threads[publisher.count % remembered] = seen.thread;
@@ -204,35 +205,25 @@ void Messages::taken(const Observation& seen) {
     // No number: published before the sensor was there, or too long ago.
     if (link.publisher) number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
   }
-  bool is_late = false, is_judged = true;
+  auto of_gap = Verdict::on_time, of_age = Verdict::on_time;
   bool is_new = false;
-  const auto is_gap = [this](std::int64_t ns) { return limits_.is_gap(ns); };
-  if (!link.is_broken && probing_.may_explain(link.last_ns, seen.at_ns, is_gap)) {
-    is_judged = false;
-  } else if (!link.is_broken) {
+  if (!link.is_broken) {
     const auto gap = seen.at_ns - link.last_ns;
-    link.period.add(gap);
-    if (is_gap(gap)) {
-      is_late = true;
-      miss(Miss::Kind::gap, gap, link, seen, number);
+    of_gap = judge_gap(link.last_ns, seen.at_ns);
+    if (of_gap != Verdict::not_judged) {
+      link.period.add(gap);
+      if (of_gap == Verdict::late) miss(Miss::Kind::gap, gap, link, seen, number);
+      link.rows.period(keep_row_, link.id, link.last_ns, seen.at_ns, of_gap == Verdict::late);
     }
-    link.rows.period(keep_row_, link.id, link.last_ns, seen.at_ns, is_late);
   }
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
-    const bool has_verdict = !probing_.may_explain(
-        seen.stamp_ns, seen.at_ns, [this](std::int64_t ns) { return limits_.is_too_old(ns); });
-    const bool is_too_old = has_verdict && limits_.is_too_old(age);
-    if (has_verdict)
-      link.age.add(age);
-    else
-      is_judged = false;
-    if (is_too_old) {
-      is_late = true;
-      miss(Miss::Kind::age, age, link, seen, number);
-    }
-    if (number) is_new = place(link, *number, seen, has_verdict, is_too_old);
+    of_age =
+        probing_.judge(seen.stamp_ns, seen.at_ns, [this](std::int64_t ns) { return limits_.is_too_old(ns); });
+    if (of_age != Verdict::not_judged) link.age.add(age);
+    if (of_age == Verdict::late) miss(Miss::Kind::age, age, link, seen, number);
+    if (number) is_new = place(link, *number, seen, of_age);
   }
   const auto writer = link.publisher ? publishers_.find(*link.publisher) : publishers_.end();
   for (auto& chain : chains_)
@@ -246,8 +237,10 @@ void Messages::taken(const Observation& seen) {
                  .stamp_ns = seen.stamp_ns});
   link.last_number = number;
   link.is_broken = false;
-  link.late += is_late ? 1 : 0;
-  link.not_judged += is_judged || is_late ? 0 : 1;
+  if (of_gap == Verdict::late || of_age == Verdict::late)
+    ++link.late;
+  else if (of_gap == Verdict::not_judged || of_age == Verdict::not_judged)
+    ++link.not_judged;
   ++link.messages;
   link.last_ns = seen.at_ns;
 }
@@ -295,8 +288,11 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.rows.restart();
 }
 
-bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_judged,
-                     bool is_late) {
+Messages::Verdict Messages::judge_gap(std::int64_t from_ns, std::int64_t to_ns) const {
+  return probing_.judge(from_ns, to_ns, [this](std::int64_t ns) { return limits_.is_gap(ns); });
+}
+
+bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, Verdict of_age) {
   const auto stamp_ns = seen.stamp_ns;
   const auto& publisher = publishers_.at(*link.publisher);
   const auto keep = [&](std::uint64_t of) {
@@ -304,20 +300,21 @@ bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
     link.unjudged.reset(of % remembered);
     link.stamps[of % remembered] = stamp_ns;
     link.rows.age(
-        keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late}, of,
+        keep_row_,
+        {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = of_age == Verdict::late}, of,
         [&](std::uint64_t lost) {
           const auto known = std::max(lost, publisher.oldest());
           return known == lost && link.unjudged.test(lost % remembered) ? 0 : publisher.begun(known);
         },
-        is_judged);
+        of_age != Verdict::not_judged);
     return true;
   };
   // Each may have been lost because its reader was held up. It may come after all.
   if (const bool has_begun = link.sequence.has_begun(); !has_begun || number >= link.sequence.next()) {
     for (auto lost = std::max(link.sequence.next(), publisher.oldest()); has_begun && lost < number; ++lost) {
-      const bool is_judged_loss = !probing_.may_explain(publisher.begun(lost), seen.at_ns);
-      link.unjudged.set(lost % remembered, !is_judged_loss);
-      link.lost_not_judged += is_judged_loss ? 0 : 1;
+      const bool is_judged = !probing_.is_most_of(publisher.begun(lost), seen.at_ns);
+      link.unjudged.set(lost % remembered, !is_judged);
+      link.lost_not_judged += is_judged ? 0 : 1;
     }
     link.unjudged.reset(number % remembered);
   }

@@ -124,8 +124,10 @@ class Messages {
   void taken(const Observation&);
   void identify(Link&, const Observation&);
   void doubt(Link&, const Observation&);
+  using Verdict = Probing::Verdict;
+  Verdict judge_gap(std::int64_t from_ns, std::int64_t to_ns) const;
   // False: it was taken before, or too late to know.
-  bool place(Link&, std::uint64_t number, const Observation&, bool is_judged, bool is_late);
+  bool place(Link&, std::uint64_t number, const Observation&, Verdict of_age);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;

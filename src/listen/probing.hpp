@@ -22,16 +22,18 @@ class Probing {
     if (times_.size() == most_kept) times_.pop_front();
     times_.emplace_back(from_ns, to_ns);
   }
-  // Whether ontime may be why this time is beyond a limit, or what most of it is. Not where the rest of it is
-  // beyond the limit, too.
+  enum class Verdict : std::uint8_t { on_time, late, not_judged };
+  // Not judged: ontime may be why this time is beyond its limit, or is most of it. What is beyond the limit
+  // without that is late.
   template <class IsBeyond>
-  bool may_explain(std::int64_t from_ns, std::int64_t to_ns, const IsBeyond& is_beyond) const {
+  Verdict judge(std::int64_t from_ns, std::int64_t to_ns, const IsBeyond& is_beyond) const {
     const auto own_ns = within(from_ns, to_ns), all_ns = to_ns - from_ns;
-    if (own_ns == 0 || is_beyond(all_ns - own_ns)) return false;
-    return is_beyond(all_ns) || 2 * own_ns >= all_ns;
+    if (is_beyond(all_ns - own_ns)) return Verdict::late;
+    return own_ns > 0 && (is_beyond(all_ns) || 2 * own_ns >= all_ns) ? Verdict::not_judged : Verdict::on_time;
   }
-  bool may_explain(std::int64_t from_ns, std::int64_t to_ns) const {
-    return may_explain(from_ns, to_ns, [](std::int64_t) { return false; });
+  // Of the time in which a message was lost.
+  bool is_most_of(std::int64_t from_ns, std::int64_t to_ns) const {
+    return judge(from_ns, to_ns, [](std::int64_t) { return false; }) == Verdict::not_judged;
   }
 
  private:

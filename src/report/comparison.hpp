@@ -61,6 +61,9 @@ struct Difference {
 };
 std::vector<Difference> differences(const Comparison::Pair&);
 
+// The keys of a scenario that are not the same in two runs: "deadline: 10 ms → 5 ms".
+std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);
+
 table::Page page_of(const Comparison&, const std::vector<gate::Judgement>&);
 nlohmann::ordered_json json_of(const Comparison&, const std::vector<gate::Judgement>&);
 std::string csv_of(const Comparison&);

@@ -36,29 +36,10 @@ struct Phrase {
   bool in_labels_alone = false;  // it is no news where it is the same in all
 };
 
-// "10 ms".
-std::string value_of(const conditions::Field& field, const json& value) {
-  using Unit = conditions::Field::Unit;
-  if (value.is_null()) return nothing;
-  const auto number = value.is_number() ? value.get<double>() : 0;
-  const auto time = [&](double ns_each) {
-    return std::abs(number * ns_each) < 9e18
-               ? duration(std::chrono::nanoseconds(std::llround(number * ns_each)))
-               : nothing;
-  };
-  return value.is_boolean()                               ? value.get<bool>() ? "on" : "off"
-         : field.unit == Unit::none || !value.is_number() ? word(value)
-         : field.unit == Unit::us                         ? time(1e3)
-         : field.unit == Unit::s                          ? time(1e9)
-         : field.unit == Unit::share                      ? fmt::format("{:.4g} %", number * 100)
-         : value.is_number_integer() && number >= 0       ? size(value.get<std::uint64_t>())
-                                                          : nothing;
-}
-
 // "every 10 ms"; "": the record does not say it.
 std::string phrase_of(const conditions::Field& field, const json& value) {
   if (value.is_null()) return "";
-  return fmt::format(fmt::runtime(field.phrase), shortened(value_of(field, value), longest_value));
+  return fmt::format(fmt::runtime(field.phrase), shortened(words_of(field, value), longest_value));
 }
 
 // Of a group of fields those that are not as by default: "loses 1 %, delays 3 ms".
@@ -378,6 +359,24 @@ void tell_conditions_apart(std::vector<std::string>& labels, const Group& group)
 
 }  // namespace
 
+std::string words_of(const conditions::Field& field, const json& value) {
+  using Unit = conditions::Field::Unit;
+  if (value.is_null()) return nothing;
+  const auto number = value.is_number() ? value.get<double>() : 0;
+  const auto time = [&](double ns_each) {
+    return std::abs(number * ns_each) < 9e18
+               ? duration(std::chrono::nanoseconds(std::llround(number * ns_each)))
+               : nothing;
+  };
+  return value.is_boolean()                               ? value.get<bool>() ? "on" : "off"
+         : field.unit == Unit::none || !value.is_number() ? word(value)
+         : field.unit == Unit::us                         ? time(1e3)
+         : field.unit == Unit::s                          ? time(1e9)
+         : field.unit == Unit::share                      ? fmt::format("{:.4g} %", number * 100)
+         : value.is_number_integer() && number >= 0       ? size(value.get<std::uint64_t>())
+                                                          : nothing;
+}
+
 std::string workers(const conditions::Workers& load) {
   std::vector<std::string> parts;
   const auto add = [&](int number, const char* kind, std::uint64_t bytes) {
@@ -460,28 +459,6 @@ Differences differences_between(const Group& group) {
       row.push_back(phrase == nullptr ? "" : phrase->text);
     }
   }
-  return differences;
-}
-
-std::vector<std::string> key_differences(const Summary& from, const Summary& to) {
-  std::vector<std::string> differences, told;
-  const auto add = [&](const std::string& key, const std::string& before, const std::string& after) {
-    told.push_back(key);
-    differences.push_back(fmt::format("{}: {} → {}", key, shortened(word(before), longest_value),
-                                      shortened(word(after), longest_value)));
-  };
-  for (const auto& field : conditions::keys()) {
-    if (field.json.empty()) continue;
-    const auto &before = from.run.asked.stated(field.json), &after = to.run.asked.stated(field.json);
-    if (before != after) add(field.path, value_of(field, before), value_of(field, after));
-  }
-  // What has words for several keys together: "load", "kernel".
-  const auto in_words = differences_between({&from, &to});
-  const auto& keys = in_words.keys;
-  for (std::size_t i = 0; i < keys.size(); ++i)
-    if (std::ranges::none_of(
-            told, [&](const std::string& key) { return key == keys[i] || key.starts_with(keys[i] + "."); }))
-      add(keys[i], in_words.values[0][i], in_words.values[1][i]);
   return differences;
 }
 

@@ -20,6 +20,8 @@ std::vector<std::string> labels_without_repetition(const Group&);
 void tell_apart(std::vector<std::string>& labels, const Group&);
 std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 
+// The value of a field in a record: "10 ms".
+std::string words_of(const conditions::Field&, const nlohmann::json& value);
 // Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
 std::string workers(const conditions::Workers&);
 
@@ -37,8 +39,6 @@ struct Differences {
   std::vector<std::vector<std::string>> values;  // a row for each of the group, a value for each key
 };
 Differences differences_between(const Group&);
-// The keys of a scenario that are not the same in two runs, but for their names: "deadline: 10 ms → 5 ms".
-std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);
 
 // The options of the transports at the two ends of runs, a column each: "option.executor",
 // "component_option.rmw", those of the component where they are its own. As asked for, or, of RMW and

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <map>
 #include <set>
 
+#include <fmt/format.h>
+
 #include "record/record.hpp"
 #include "report/comparison.hpp"
+#include "report/conditions.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -77,6 +81,28 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
     if (const auto one = one_of(before, name), other = one_of(after, name); one != other)
       found.push_back({name, one, other});
   return found;
+}
+
+std::vector<std::string> key_differences(const statistics::Summary& from, const statistics::Summary& to) {
+  std::vector<std::string> differences, told;
+  const auto add = [&](const std::string& key, const std::string& before, const std::string& after) {
+    told.push_back(key);
+    differences.push_back(fmt::format("{}: {} → {}", key, shortened(word(before), longest_difference),
+                                      shortened(word(after), longest_difference)));
+  };
+  for (const auto& field : conditions::keys()) {
+    if (field.json.empty()) continue;
+    const auto &before = from.run.asked.stated(field.json), &after = to.run.asked.stated(field.json);
+    if (before != after) add(field.path, words_of(field, before), words_of(field, after));
+  }
+  // What has words for several keys together: "load", "kernel".
+  const auto in_words = differences_between({&from, &to});
+  const auto& keys = in_words.keys;
+  for (std::size_t i = 0; i < keys.size(); ++i)
+    if (std::ranges::none_of(
+            told, [&](const std::string& key) { return key == keys[i] || key.starts_with(keys[i] + "."); }))
+      add(keys[i], in_words.values[0][i], in_words.values[1][i]);
+  return differences;
 }
 
 }  // namespace ontime::report

@@ -8,7 +8,6 @@
 #include <net/if.h>
 #include <unistd.h>
 
-#include "realtime/realtime.hpp"
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
@@ -173,18 +172,6 @@ journal::Value now(const Change& change, const Link& link) {
     return {};
   }
   return value;
-}
-
-std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
-  if (std::string_view(setting.values) == "SIZE") return now + " B";
-  std::vector<std::string> words{"on", "off", "other", "none", realtime::list_of(online_cpus())};
-  for (int number = 0; number <= 99; ++number) words.push_back(std::to_string(number));  // a priority, a CPU
-  for (const auto& word : words) try {
-      setting.check(word);
-      if (setting.wanted(word, thing, now) == now) return word;
-    } catch (const std::exception&) {  // no value of this setting, or none that can be had here
-    }
-  return now;
 }
 
 std::vector<State> show(const Link& link) {

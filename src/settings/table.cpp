@@ -285,6 +285,18 @@ std::string Thing::title() const {
   return what;
 }
 
+std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
+  if (setting.check == check_bytes) return now + " B";
+  std::vector<std::string> words{now, "on", "off", "other", "none", realtime::list_of(online_cpus())};
+  for (int number = 0; number <= 99; ++number) words.push_back(std::to_string(number));  // a priority, a CPU
+  for (const auto& word : words) try {
+      setting.check(word);
+      if (setting.wanted(word, thing, now) == now) return word;
+    } catch (const std::exception&) {  // no value of this setting, or none that can be had here
+    }
+  return now;
+}
+
 const Wishes& paper() {
   static const Wishes wishes = {{"irq-threads", "90"}, {"ksoftirqd", "60"}};
   return wishes;

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_verdict.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "listen_chains.hpp"
+#include "listen_words.hpp"
+#include "table/table.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+
+int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
+                 const ListenArguments& arguments, bool is_all_seen) {
+  const bool is_judged = limits.deadline || limits.period || limits.age;
+  const bool has_chain_limit =
+      std::ranges::any_of(findings.chains, [](const auto& chain) { return chain.wish.age.has_value(); });
+  // A silent topic misses every limit.
+  if (!is_all_seen) return is_judged || has_chain_limit ? 1 : 2;
+  if (std::ranges::any_of(findings.chains, misses)) return 1;
+  if (std::ranges::any_of(findings.chains,
+                          [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
+    return 2;
+  if (is_judged && findings.flows.empty()) return 1;
+  if (findings.forgotten.with_misses > 0) return 1;
+  // What no process takes has no age, and needs none.
+  const auto lacks_age = [&](const listen::Flow& flow) {
+    return !is_age_known(flow) && (flow.reader.process != 0 || !arguments.is_in_processes());
+  };
+  if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
+      limits.age && found != findings.flows.end()) {
+    print_error(fmt::format("open: --age {}: the age of {} is not known", arguments.age,
+                            table::printable(found->topic)));
+    return 1;
+  }
+  const auto lacks_periods = [](const listen::Flow& flow) {
+    return flow.period.count() == 0 && flow.not_judged > 0;
+  };
+  if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
+      limits.longest_gap() && found != findings.flows.end()) {
+    print_error(fmt::format(
+        "open: no period of {} was judged, because ontime set or removed probes then: listen longer",
+        table::printable(found->topic)));
+    return 1;
+  }
+  return std::ranges::any_of(findings.flows,
+                             [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
+             ? 1
+             : 0;
+}
+
+}  // namespace ontime::app
