@@ -71,6 +71,16 @@ TEST_F(ChainOfThree, MessageUnderWayWhileProbesAreSetIsNotJudged) {
   EXPECT_EQ(found.paths[0].age.count(), 1U);
 }
 
+TEST_F(ChainOfThree, MessageThatProbesMayHaveEndedIsNotCounted) {
+  probing.add(0, 5 * ms);
+  publish(1, 0, 1);  // overwritten while the node was held up
+  pass(1, 20);
+  EXPECT_THAT(chain.findings().ended, ElementsAre(0, 0, 0, 0, 0));
+  publish(1, 2, 100);
+  pass(3, 120);
+  EXPECT_THAT(chain.findings().ended, ElementsAre(1, 0, 0, 0, 0));
+}
+
 class ChainOfLatest : public ChainOfThree {
  protected:
   ChainOfLatest() : ChainOfThree(true) {}

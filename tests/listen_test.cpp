@@ -2,11 +2,15 @@
 #include "listen/listen.hpp"
 
 #include <algorithm>
+#include <fstream>
 #include <functional>
 #include <map>
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include "listen/library.hpp"
 #include "listen/messages.hpp"
@@ -332,8 +336,11 @@ TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
   get_acquainted();
   messages.name_topic(2, 0xb, "/scan");
   take(at(10), at(10) - 1'000);
+  std::map<std::string, std::uint64_t> by_topic;
   for (const auto& one : messages.findings().flows)
-    EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
+    if (one.reader.process == 2) by_topic[one.topic] += one.messages;
+  EXPECT_EQ(by_topic, (std::map<std::string, std::uint64_t>{{"/cmd_vel", 110}, {"/scan", 1}}))
+      << "what was counted of the topic before stays";
 }
 
 TEST_F(OnePair, TakeWithoutAStampOfAPublisherThatMadeRoomIsCounted) {
@@ -350,6 +357,79 @@ TEST_F(OnePair, TakeWithoutAStampOfAPublisherThatMadeRoomIsCounted) {
     publish(at(7000) + static_cast<std::int64_t>(i), 1, 0x1000 + i);
   take(at(7001), 0);
   EXPECT_EQ(taken(), before + 1);
+}
+
+TEST_F(OnePair, StampAfterTheTakeIsNoAge) {
+  get_acquainted();
+  const auto ages = flow().age->count();
+  publish(at(10));
+  take(at(10) + 50'000, at(100));  // the clock was set back in between
+  EXPECT_EQ(flow().age->count(), ages);
+}
+
+TEST(Probing, TimeBetweenTwoIsNoneOfThem) {
+  Probing probing;
+  probing.add(0, 1'000'000);
+  probing.add(6'000'000, 7'000'000);
+  const auto is_beyond = [](std::int64_t ns) { return ns > 15'000'000; };
+  EXPECT_EQ(probing.judge(0, 20'000'000, is_beyond), Probing::Verdict::late);
+  EXPECT_EQ(probing.judge(0, 16'000'000, is_beyond), Probing::Verdict::not_judged);
+}
+
+// Which message a take belongs to is not known where its publish may be among the lost events.
+TEST(ChainAfterALoss, DoesNotBeginWithAnEarlierMessage) {
+  constexpr std::int64_t ms = 1'000'000;
+  Messages messages({}, {{.steps = {{"/scan"}, {"/map"}}, .age = 5ms}});
+  for (const std::uint32_t process : {1U, 2U, 3U}) messages.begin_process(process, "node");
+  messages.name_topic(1, 0xa, "/scan");
+  messages.name_topic(2, 0xa, "/scan");
+  messages.name_topic(2, 0xb, "/map");
+  messages.name_topic(3, 0xb, "/map");
+  const auto publish = [&](std::uint32_t process, std::uint64_t endpoint, std::int64_t at_ns) {
+    messages.add({.kind = Observation::Kind::published,
+                  .at_ns = at_ns,
+                  .endpoint = endpoint,
+                  .process = process,
+                  .thread = process});
+  };
+  const auto take = [&](std::uint32_t process, std::uint64_t endpoint, std::int64_t at_ns,
+                        bool after_loss = false) {
+    messages.add({.kind = Observation::Kind::taken,
+                  .after_loss = after_loss,
+                  .at_ns = at_ns,
+                  .stamp_ns = at_ns - 48'000,
+                  .endpoint = endpoint,
+                  .process = process,
+                  .thread = process,
+                  .writer = {7}});
+  };
+  const auto pass = [&](std::int64_t at_ns, bool is_lost) {
+    if (!is_lost) publish(1, 0xa, at_ns);
+    take(2, 0xa, at_ns + 50'000, is_lost);
+    publish(2, 0xb, at_ns + 60'000);
+    take(3, 0xb, at_ns + 110'000);
+  };
+  for (int i = 100; i < 300; ++i) pass(i * 10 * ms, false);
+  const auto came_out = [&] { return messages.findings().chains.at(0).paths.at(0).age.count(); };
+  const auto before = came_out();
+  EXPECT_GT(before, 50U);
+  pass(3000 * ms, true);
+  EXPECT_EQ(came_out(), before);
+  pass(3010 * ms, false);
+  EXPECT_EQ(came_out(), before + 1);
+  EXPECT_EQ(messages.findings().chains.at(0).paths.at(0).late, 0U);
+}
+
+struct AgedPair : OnePair {
+  AgedPair() : OnePair(Limits{.deadline = {}, .period = {}, .age = 1ms}) {}
+};
+
+TEST_F(AgedPair, PeriodsThatHaveNoLimitLeaveNoMessageUnjudged) {
+  get_acquainted();
+  messages.add_probing(at(9) + 100'000, at(10) - 100'000);
+  arrive(at(10));
+  EXPECT_EQ(flow().not_judged, 0U);
+  EXPECT_EQ(flow().age->max_ns(), 48'000);
 }
 
 struct JudgedPair : OnePair {
@@ -657,6 +737,34 @@ TEST(Mapping, CodeOfAMiddlewareIsFound) {
   EXPECT_EQ(found->name, "librmw_cyclonedds_cpp.so");
   EXPECT_EQ(found->path, "/proc/42/map_files/7f0010002000-7f0010082000");
   EXPECT_EQ(found->file.second, 1234U);
+}
+
+// Another user's process decides what it maps, and when.
+TEST(Mapping, FileStaysTheOneThatWasFound) {
+  if (access("/proc/self/map_files", X_OK) != 0 || getuid() != 0)
+    GTEST_SKIP() << "only root may open what others map";
+  const std::string path = testing::TempDir() + "/libddsc.so", other = testing::TempDir() + "/other";
+  std::ofstream(path) << "the first";
+  std::ofstream(other) << "another";
+  const auto map = [](const std::string& name, void* at) {
+    const int fd = open(name.c_str(), O_RDONLY | O_CLOEXEC);
+    auto* const mapped =
+        mmap(at, 4096, PROT_READ | PROT_EXEC, MAP_PRIVATE | (at != nullptr ? MAP_FIXED : 0), fd, 0);
+    close(fd);
+    return mapped;
+  };
+  auto* const mapped = map(path, nullptr);
+  ASSERT_NE(mapped, MAP_FAILED);
+  const auto change = Processes().look();
+  const auto self = std::ranges::find(change.came, static_cast<std::uint32_t>(getpid()), &Process::id);
+  ASSERT_NE(self, change.came.end());
+  const auto library = std::ranges::find(self->libraries, "libddsc.so", &Mapping::name);
+  ASSERT_NE(library, self->libraries.end());
+  EXPECT_EQ(map(other, mapped), mapped);
+  std::string text;
+  std::getline(std::ifstream(library->path), text);
+  EXPECT_EQ(text, "the first");
+  munmap(mapped, 4096);
 }
 
 TEST(Mapping, RemovedFileIsFoundToo) {

@@ -117,6 +117,16 @@ TEST_F(Counters, LossThatProvesToBeLateIsCountedOnce) {
   EXPECT_EQ(value("ontime_topic_lost_total"), "6");
 }
 
+TEST_F(Counters, LossThatOntimeMayHaveCausedIsCountedOnceToo) {
+  auto one = flow(100);
+  for (const std::uint64_t lost : {2, 1, 2}) {
+    one.lost_not_judged = lost;
+    look({one});
+  }
+  EXPECT_EQ(value("ontime_topic_lost_not_judged_total"), "2");
+  EXPECT_EQ(value("ontime_topic_not_judged_total"), "0");
+}
+
 TEST_F(Counters, FlowThatComesBackIsComparedWithWhatItHad) {
   look({flow(100)});
   look({});

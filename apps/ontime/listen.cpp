@@ -378,7 +378,7 @@ class Listening {
                           100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
                           cost->takes, cost->take_ns / 1e3);
     if (cost && cost->turns > 0)
-      text += fmt::format(", {} waits and timers of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
+      text += fmt::format(", {} other calls of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
     if (cost && cost->stepped > 0)
       text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
     return text + "\n";

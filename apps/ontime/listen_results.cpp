@@ -153,12 +153,12 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
   for (auto next = kept_.begin(); next != kept_.end();) {
     const auto one = next++;
     auto& [key, kept] = *one;
-    if (kept.samples.empty() && kept.latest.empty()) continue;
     const auto found = flows.find(key.first);
     const auto* flow = found == flows.end() ? nullptr : found->second;
     if (flow != nullptr)
       kept.counted = {flow->lost, flow->duplicated, flow->reordered,
                       flow->not_judged + flow->lost_not_judged};
+    if (kept.samples.empty() && kept.latest.empty()) continue;
     if (kept.run == 0) {
       const bool is_old = is_end || now - kept.since > named_after;
       if (flow != nullptr && (is_old || has_both_ends(*flow)))

@@ -35,6 +35,7 @@ class Capture final : public Sensor {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
       if (is_live_) note_drops();
+      const std::chrono::nanoseconds from = std::chrono::system_clock::now().time_since_epoch();
       const int count = pcap_dispatch(handle_.get(), most_packets, take, reinterpret_cast<u_char*>(this));
       if (count > 0) continue;
       if (!is_live_) {
@@ -43,6 +44,7 @@ class Capture final : public Sensor {
       }
       if (count < 0) throw Error(fmt::format("listen: the capture: {}", pcap_geterr(handle_.get())));
       end_doubt();
+      read_ns_ = from.count();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
     return true;
@@ -51,8 +53,8 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
-    const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
-    judge_silence(findings.flows, limits_, is_live_ ? now.count() - unread_ns : latest_ns_);
+    judge_silence(findings.flows, limits_,
+                  is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
     if (!damage_.empty())
       findings.remarks.push_back(
           fmt::format("the capture cannot be read to its end: {}. What comes before counts", damage_));
@@ -95,6 +97,7 @@ class Capture final : public Sensor {
   const bool is_live_;
   const Limits limits_;
   std::int64_t latest_ns_ = 0;  // of the packet before: the clock may have been set back
+  std::int64_t read_ns_ = 0;    // of a live source: all until then was read
   Origin origin_;
   Packets packets_;
   Wire wire_;

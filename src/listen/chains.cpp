@@ -58,7 +58,7 @@ void ChainFollower::published(const Message& message) {
 ChainFollower::Journey ChainFollower::begin(const Message& message) {
   if (origins_.size() == most_begun) {
     const auto oldest = origins_.front().stage;
-    if (furthest_ > oldest && !origins_.front().is_unclear) ++found_.ended[oldest];
+    if (furthest_ > oldest && is_clear(origins_.front())) ++found_.ended[oldest];
     furthest_ = std::max(furthest_, oldest);
     origins_.pop_front();
     ++first_origin_;
@@ -198,7 +198,7 @@ void ChainFollower::arrive(const Journey& journey) {
   waiting_since_ns_ = 0;
   auto* const path = path_of(journey);
   if (path == nullptr) {
-    ++found_.forgotten;
+    found_.forgotten += verdict == Probing::Verdict::not_judged ? 0 : 1;
     found_.forgotten_late += is_late ? 1 : 0;
     return;
   }
@@ -232,7 +232,7 @@ ChainFollower::Path* ChainFollower::path_of(const Journey& journey) {
 bool ChainFollower::make_room_for_path() {
   if (paths_.size() + ended_paths_.size() < most_paths) return true;
   const auto forget = [&](const ChainPath& path) {
-    found_.forgotten += path.age.count() + path.not_judged;
+    found_.forgotten += path.age.count();
     found_.forgotten_late += path.late;
   };
   if (!ended_paths_.empty()) {
@@ -293,8 +293,10 @@ ChainFollower::Ended ChainFollower::ended() const {
   auto ended = found_.ended;
   auto furthest = furthest_;
   for (std::size_t i = 0; i < origins_.size(); ++i) {
-    const auto& [at_ns, stage, is_unclear] = origins_[i];
-    if (!is_unclear && furthest > stage && (later[i + 1] > stage || now_ns_ - at_ns > under_way_ns))
+    const auto& origin = origins_[i];
+    const auto stage = origin.stage;
+    if (furthest > stage && (later[i + 1] > stage || now_ns_ - origin.at_ns > under_way_ns) &&
+        is_clear(origin))
       ++ended[stage];
     furthest = std::max(furthest, stage);
   }

@@ -113,6 +113,10 @@ class ChainFollower {
   Path* path_of(const Journey&);
   bool make_room_for_path();
   void forget_under_way();
+  // How far it came is known, and ontime is not why it was not taken.
+  bool is_clear(const Origin& origin) const {
+    return !origin.is_unclear && (origin.stage % 2 != 0 || !probing_.has(origin.at_ns));
+  }
   Ended ended() const;
   std::int64_t silent_ns() const;
 

@@ -10,9 +10,8 @@ enum { ontime_longest_topic = 256, ontime_most_samples = 64 };
 enum ontime_event_kind {
   ontime_published,
   ontime_taken,
-  ontime_named,  /* `topic` is the topic of `endpoint`, its text is at address `stamp_ns` */
-  ontime_turned, /* the thread waits, or begins a callback that takes no message */
-  ontime_found   /* `endpoint` is a DDS handle, its entity is at address `stamp_ns` of the process */
+  ontime_named, /* `topic` is the topic of `endpoint` */
+  ontime_turned /* the thread waits, or begins a callback that takes no message */
 };
 
 /* Calls that met a probe, by CPU; the key of a map. */

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cerrno>
+#include <csignal>
 #include <cstdlib>
 #include <cstring>
 #include <iterator>
@@ -13,7 +14,6 @@
 #include <bpf/libbpf.h>
 #include <cxxabi.h>
 #include <fmt/format.h>
-#include <sys/uio.h>
 #include <unistd.h>
 
 #include "listen/cost.hpp"
@@ -32,7 +32,11 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto look_every = 1s;
-constexpr std::size_t most_remarks = 32;
+constexpr std::size_t most_remarks = 32, most_handles = 1024;  // the latter of a process
+// So much a clock moves only when it is set; what disciplines it changes it by less than a thousandth.
+constexpr std::int64_t least_set_ns = 1'000'000;
+// So long the next call with a handle is waited for.
+constexpr std::int64_t find_names_for_ns = 60'000'000'000;
 constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later one is no time; the year 2116
 
 std::string reason(int error) { return std::generic_category().message(error); }
@@ -93,20 +97,19 @@ class InProcesses final : public Sensor {
         look_at_ = now + look_every;
         change = processes_.look();
       }
-      realtime_ahead_ns_ = machine::realtime_offset_ns();
-      ring_buffer__consume(ring_.get());
+      follow_clock();
+      read();
       if (change) follow(*change, now_ns());
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
     } while (std::chrono::steady_clock::now() < until);
-    // Setting probes takes up to a second: what came meanwhile is no silence.
-    ring_buffer__consume(ring_.get());
+    read();  // setting probes takes up to a second
     return true;
   }
 
   Findings findings() const override {
     auto findings = messages_.findings();
-    judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : now_ns() - unread_ns, resumed_ns_);
+    judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : read_ns_ - unread_ns, resumed_ns_);
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
@@ -139,8 +142,12 @@ class InProcesses final : public Sensor {
     paused_ns_ = now_ns();
     shared_.clear();
     everywhere_.clear();
-    finders_.clear();
-    for (auto& [id, own] : of_process_) own.links.clear();
+    for (auto& [id, own] : of_process_) {
+      own.links.clear();
+      own.finder.clear();
+      for (const auto handle : own.unnamed) own.seen.erase(handle);  // looked for again by its next message
+      own.unnamed.clear();
+    }
     ring_buffer__consume(ring_.get());
   }
 
@@ -154,6 +161,25 @@ class InProcesses final : public Sensor {
   }
 
  private:
+  void read() {
+    const auto from_ns = now_ns();
+    ring_buffer__consume(ring_.get());
+    read_ns_ = from_ns;
+  }
+
+  // The stamps of messages that are under way when the clock is set say nothing.
+  void follow_clock() {
+    const auto ahead_ns = machine::realtime_offset_ns(), at_ns = now_ns();
+    const auto set_by_ns = ahead_ns - realtime_ahead_ns_;
+    if (std::abs(set_by_ns) > least_set_ns + (at_ns - clock_read_ns_) / 1000) {
+      remark(fmt::format("the clock was set by {:.3f} s: the ages of messages under way are not known",
+                         static_cast<double>(set_by_ns) / 1e9));
+      messages_.interrupt(at_ns);
+    }
+    realtime_ahead_ns_ = ahead_ns;
+    clock_read_ns_ = at_ns;
+  }
+
   using Calls = std::array<std::uint64_t, ontime_calls>;
   Calls calls() const {
     Calls sums{};
@@ -170,9 +196,6 @@ class InProcesses final : public Sensor {
       messages_.end_process(id, now_ns);
       forget(id);
       ros_.erase(id);
-      const auto is_of_it = [id = id](const auto& handle) { return handle.first == id; };
-      std::erase_if(unnamed_, is_of_it);
-      std::erase_if(seen_, is_of_it);
     }
     for (const auto& process : change.came) {
       messages_.begin_process(process.id, process.name);
@@ -193,14 +216,17 @@ class InProcesses final : public Sensor {
           probe_cyclonedds(process, library);
       }
     }
-    for (auto& [id, links] : finders_)
-      if (!is_unnamed(id)) remove(links);
-    std::erase_if(finders_, [](const auto& finder) { return finder.second.empty(); });
+    for (auto& [id, own] : of_process_) {
+      if (now_ns - own.finder_since_ns > find_names_for_ns) own.unnamed.clear();
+      if (own.unnamed.empty()) remove(own.finder);
+    }
   }
 
   void forget(std::uint32_t process) {
-    if (const auto own = of_process_.extract(process)) remove(own.mapped().links);
-    if (const auto finder = finders_.extract(process)) remove(finder.mapped());
+    const auto own = of_process_.extract(process);
+    if (!own) return;
+    remove(own.mapped().links);
+    remove(own.mapped().finder);
   }
 
   void remove(std::vector<Link>& links) {
@@ -244,9 +270,9 @@ class InProcesses final : public Sensor {
     probe(process, library, cyclonedds_wishes(*probes_));
     try {
       own.offset_of_name = offset_of_topic_name(Library(library.path).code("dds_get_name"));
-    } catch (const Error&) {
+      if (!own.offset_of_name) remark_unnamed(process, library);
+    } catch (const Error&) {  // said where probes are set
     }
-    if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0) remark_unnamed(process, library);
   }
 
   void remark_unnamed(const Process& process, const Mapping& library) {
@@ -271,12 +297,14 @@ class InProcesses final : public Sensor {
 
   // Sets those probes whose function the library has: all of them, or none. False: none.
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
+    std::vector<Link> own;
+    std::int64_t from_ns = 0;  // the first was set
+    bool is_set = true;
     try {
-      std::vector<Link> own;
-      const auto from_ns = now_ns();
       const Library library(mapping.path);
       const auto attach = [&](const std::string& function, bpf_program* program, const Place& place,
                               bool on_return, std::uint64_t cookie) {
+        if (from_ns == 0) from_ns = now_ns();
         bpf_uprobe_opts options{};
         options.sz = sizeof options;
         options.retprobe = on_return;
@@ -311,14 +339,15 @@ class InProcesses final : public Sensor {
       if (!costly.empty())
         remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
                            mapping.name, fmt::join(costly, ", ")));
-      if (!own.empty()) messages_.add_probing(from_ns, now_ns());
-      std::move(own.begin(), own.end(), std::back_inserter(links));
-      return true;
     } catch (const Error& error) {
+      own.clear();
+      is_set = false;
       // Where its process has ended meanwhile, there is nothing to say.
-      if (access(mapping.path.c_str(), F_OK) == 0) remark(fmt::format("{}: {}", mapping.name, error.what()));
-      return false;
+      if (process < 0 || kill(process, 0) == 0) remark(fmt::format("{}: {}", mapping.name, error.what()));
     }
+    if (from_ns != 0) messages_.add_probing(from_ns, now_ns());
+    std::move(own.begin(), own.end(), std::back_inserter(links));
+    return is_set;
   }
 
   void take(const void* data, std::size_t size) {
@@ -329,10 +358,8 @@ class InProcesses final : public Sensor {
     if (event.is_below_rmw != 0 && ros_.contains(event.process)) return;  // its rmw told of the message
     if (event.kind == ontime_named) {
       const auto* const topic = static_cast<const char*>(data) + sizeof event;
-      const std::string text(topic, strnlen(topic, size - sizeof event));
-      return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
+      return name(event, std::string(topic, strnlen(topic, size - sizeof event)));
     }
-    if (event.kind == ontime_found) return found(event);
     if (is_paused_) return;  // some of the probes are not set
     if (event.kind != ontime_turned && event.is_handle != 0) find_name(event);
     if (event.kind == ontime_taken && event.is_below_rmw != 0 && event.is_handle == 0 && event.stamp_ns == 0)
@@ -357,60 +384,32 @@ class InProcesses final : public Sensor {
   }
 
   // A DDS handle of Cyclone DDS says nothing: its entity's memory has the topic's name. Where the entity is,
-  // the process's next call tells; then these probes go again.
+  // the process's next call tells; then this probe goes again.
   void find_name(const ontime_event& event) {
-    const std::pair key{event.process, event.endpoint};
-    const auto own = of_process_.find(event.process);
-    if (own == of_process_.end() || !own->second.offset_of_name || !seen_.insert(key).second) return;
-    unnamed_.insert(key);
-    if (finders_.contains(event.process)) return;
-    // Each call that has a handle ends so.
-    set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
-        {{"dds_handle_unpin", probes_->progs.dds_entity_left}});
-  }
-
-  void found(const ontime_event& event) {
-    const auto own = of_process_.find(event.process);
-    if (unnamed_.erase({event.process, event.endpoint}) == 0 || own == of_process_.end()) return;
-    // Of a writer and a reader the first member behind what all entities have is the topic.
-    const auto topic = pointer_at(event.process, event.stamp_ns + *own->second.offset_of_name);
-    name(event, text_at(event.process, pointer_at(event.process, topic + *own->second.offset_of_name)));
+    const auto found = of_process_.find(event.process);
+    if (found == of_process_.end()) return;
+    auto& own = found->second;
+    if (!own.offset_of_name || own.seen.size() >= most_handles || !own.seen.insert(event.endpoint).second)
+      return;
+    own.unnamed.insert(event.endpoint);
+    own.finder_since_ns = now_ns();
+    if (!own.finder.empty()) return;
+    // Each call that has a handle ends so. Of a writer and a reader the first member behind what all entities
+    // have is the topic, which has its name there.
+    set(own.library, static_cast<pid_t>(event.process), own.finder,
+        {{.function = "dds_handle_unpin",
+          .on_call = probes_->progs.dds_entity_left,
+          .cookie = ontime_cookie_is_below_rmw | *own.offset_of_name << ontime_cookie_topic |
+                    *own.offset_of_name << ontime_cookie_name}});
   }
 
   void name(const ontime_event& event, const std::string& topic) {
+    if (const auto own = of_process_.find(event.process); own != of_process_.end() && event.is_handle != 0) {
+      own->second.unnamed.erase(event.endpoint);
+      if (own->second.seen.size() < most_handles) own->second.seen.insert(event.endpoint);
+    }
     if (!topic.empty() && std::all_of(topic.begin(), topic.end(), [](char c) { return c > ' ' && c < 127; }))
       messages_.name_topic(event.process, event.endpoint, ros_name(topic));
-  }
-
-  static std::string text_at(std::uint32_t process, std::uint64_t address) {
-    char text[ontime_longest_topic] = {};
-    read(process, address, text, sizeof text - 1);
-    return text;
-  }
-
-  static std::size_t read(std::uint32_t process, std::uint64_t address, void* to, std::size_t size) {
-    // A string may end just before memory that is not there: page by page.
-    std::size_t done = 0;
-    while (done < size) {
-      const auto part = std::min<std::size_t>(size - done, 4096 - (address + done) % 4096);
-      const iovec to_part{static_cast<char*>(to) + done, part};
-      const iovec from{reinterpret_cast<void*>(address + done), part};  // NOLINT(performance-no-int-to-ptr)
-      if (process_vm_readv(static_cast<pid_t>(process), &to_part, 1, &from, 1, 0) !=
-          static_cast<ssize_t>(part))
-        break;
-      done += part;
-    }
-    return done;
-  }
-
-  static std::uint64_t pointer_at(std::uint32_t process, std::uint64_t address) {
-    std::uint64_t pointer = 0;
-    return read(process, address, &pointer, sizeof pointer) == sizeof pointer ? pointer : 0;
-  }
-
-  bool is_unnamed(std::uint32_t process) const {
-    const auto first = unnamed_.lower_bound({process, 0});
-    return first != unnamed_.end() && first->first == process;
   }
 
   void remark(const std::string& text) {
@@ -419,8 +418,12 @@ class InProcesses final : public Sensor {
 
   struct OfProcess {
     std::vector<Link> links;
+    // Of Cyclone DDS without rmw: what finds the topics' names.
     Mapping library;
     std::optional<std::uint64_t> offset_of_name;
+    std::vector<Link> finder;
+    std::int64_t finder_since_ns = 0;       // the latest handle without a name was seen
+    std::set<std::uint64_t> seen, unnamed;  // handles
   };
 
   const Limits limits_;
@@ -436,11 +439,10 @@ class InProcesses final : public Sensor {
   std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
   std::map<std::uint32_t, OfProcess> of_process_;
   std::set<std::uint32_t> ros_;  // processes that have mapped an rmw
-  std::map<std::uint32_t, std::vector<Link>> finders_;
-  std::set<std::pair<std::uint32_t, std::uint64_t>> seen_, unnamed_;  // handles
   std::set<std::string> remarks_;
   std::chrono::steady_clock::time_point look_at_;
-  std::int64_t realtime_ahead_ns_ = 0;
+  std::int64_t realtime_ahead_ns_ = machine::realtime_offset_ns(), clock_read_ns_ = now_ns();
+  std::int64_t read_ns_ = now_ns();  // all events until then were read
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;

@@ -138,7 +138,8 @@ struct Chain {
   // threads published at once, or it was too long ago.
   std::vector<std::uint64_t> unknown_takes;
   std::int64_t silent_ns = 0;  // since something came out, where messages have gone in for ten seconds since
-  std::uint64_t forgotten = 0, forgotten_late = 0;  // that came out of paths for which there was no room
+  // Judged, of paths for which there was no room.
+  std::uint64_t forgotten = 0, forgotten_late = 0;
 };
 
 // What the probes saw of a late message's way: CLOCK_MONOTONIC, 0 where they did not see it.
@@ -213,7 +214,9 @@ inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses()
 // woke, as measured on this machine when listening began.
 struct Cost {
   std::uint64_t publishes = 0, takes = 0;
-  std::uint64_t turns = 0;    // waits, timers and services, for chains; each at most as long as a publish
+  // Waits, timers and services, for chains; of Cyclone DDS, what tells a topic's name. Each takes at most as
+  // long as a publish.
+  std::uint64_t turns = 0;
   std::uint64_t stepped = 0;  // of all: the kernel had to step over an instruction, which takes longer
   double publish_ns = 0, take_ns = 0, step_ns = 0;
   double total_ns() const {

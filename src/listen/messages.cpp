@@ -11,6 +11,8 @@ namespace {
 
 // Within this time of its publish a message gets its stamp, mostly.
 constexpr std::int64_t soonest_ns = 20'000, soon_ns = 200'000;
+// No message is taken before it has its stamp: the clock was set back meanwhile, or is another machine's.
+constexpr std::int64_t most_ahead_ns = 1'000'000;
 // When stamps fit one publisher alone this often and for so long, it is no accident; as many that do not fit
 // in a row are none either.
 constexpr int enough_fits = 8;
@@ -101,11 +103,13 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   // Another endpoint has the address now: what is counted from here on is of that one.
   if (!is_new) {
     known->second = topic;
-    if (publishers_.erase(key) > 0)
-      std::erase_if(links_, [&](const auto& one) { return one.second.publisher == key; });
-    std::erase_if(links_, [&](const auto& one) {
-      return std::get<0>(one.first) == process && std::get<1>(one.first) == endpoint;
-    });
+    for (auto link = links_.begin(); link != links_.end();) {
+      const auto one = link++;
+      if (one->second.publisher == key ||
+          (std::get<0>(one->first) == process && std::get<1>(one->first) == endpoint))
+        retire(one);
+    }
+    if (const auto found = publishers_.find(key); found != publishers_.end()) retire(found);
     return;
   }
   // Observed before it had a name.
@@ -133,8 +137,12 @@ void Messages::begin_anew() {
 }
 
 void Messages::add(Observation seen) {
-  if (seen.after_loss) begin_anew();
-  if (seen.stamp_ns < interrupted_until_ns_) seen.stamp_ns = 0;
+  if (seen.after_loss) {
+    begin_anew();
+    lost_until_ns_ = seen.at_ns;
+  }
+  const bool is_ahead = seen.stamp_ns > seen.at_ns + most_ahead_ns;
+  if (seen.stamp_ns < interrupted_until_ns_ || is_ahead) seen.stamp_ns = 0;
   switch (seen.kind) {
     case Observation::Kind::published:
       return published(seen);
@@ -157,7 +165,7 @@ void Messages::published(const Observation& seen) {
   if (!publisher.is_broken) {
     const auto verdict = judge_gap(publisher.last_ns, seen.at_ns);
     if (verdict == Verdict::not_judged) {
-      ++publisher.not_judged;
+      publisher.not_judged += judges_gaps_ ? 1 : 0;
     } else {
       const bool is_late = verdict == Verdict::late;
       publisher.period.add(seen.at_ns - publisher.last_ns);
@@ -202,8 +210,10 @@ void Messages::taken(const Observation& seen) {
   if (seen.stamp_ns != 0) {
     if (link.publisher) doubt(link, seen);
     if (!link.publisher) identify(link, seen);
-    // No number: published before the sensor was there, or too long ago.
-    if (link.publisher) number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
+    // No number: published before the sensor was there, or too long ago, or it is not known whether it is the
+    // last before that stamp.
+    if (link.publisher && seen.stamp_ns >= lost_until_ns_ + soon_ns)
+      number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
   }
   auto of_gap = Verdict::on_time, of_age = Verdict::on_time;
   bool is_new = false;
@@ -239,7 +249,7 @@ void Messages::taken(const Observation& seen) {
   link.is_broken = false;
   if (of_gap == Verdict::late || of_age == Verdict::late)
     ++link.late;
-  else if (of_gap == Verdict::not_judged || of_age == Verdict::not_judged)
+  else if ((of_gap == Verdict::not_judged && judges_gaps_) || (of_age == Verdict::not_judged && judges_ages_))
     ++link.not_judged;
   ++link.messages;
   link.last_ns = seen.at_ns;

@@ -142,6 +142,9 @@ class Messages {
   Party party(std::uint32_t process) const;
 
   const Limits limits_;
+  // What has no limit while the other has one is of no interest.
+  const bool judges_gaps_ = limits_.longest_gap() || !limits_.age;
+  const bool judges_ages_ = limits_.age || !limits_.longest_gap();
   std::map<std::uint32_t, std::string> processes_;
   std::map<Endpoint, std::string> topics_;
   std::map<Endpoint, Publisher> publishers_;
@@ -150,7 +153,8 @@ class Messages {
   std::deque<Flow> ended_;
   Findings dropped_;  // counts only
   std::uint64_t left_out_ = 0, last_id_ = 0;
-  std::int64_t interrupted_until_ns_ = 0;
+  // What was published before is not known, or only its publish may be missing.
+  std::int64_t interrupted_until_ns_ = 0, lost_until_ns_ = 0;
   Probing probing_;
   Misses misses_;
   KeepRow keep_row_;

@@ -87,25 +87,30 @@ static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint, __
   return event;
 }
 
-// By the way that the cookie tells.
-static __always_inline void name(__u64 endpoint, __u64 cookie) {
+// By the way that the cookie tells, which begins at the endpoint's object.
+static __always_inline void name_object(__u64 object, __u64 endpoint, __u64 cookie) {
   const struct endpoint key = {.address = endpoint, .process = bpf_get_current_pid_tgid() >> 32};
   const __u64 in_endpoint = cookie >> ontime_cookie_topic & 0xffff;
   const __u64 in_topic = cookie >> ontime_cookie_name & 0xffff;
   __u64 topic = 0;
-  if (!in_endpoint || bpf_probe_read_user(&topic, sizeof topic, (void*)(endpoint + in_endpoint)) != 0) return;
+  if (!in_endpoint || bpf_probe_read_user(&topic, sizeof topic, (void*)(object + in_endpoint)) != 0) return;
   if (in_topic && bpf_probe_read_user(&topic, sizeof topic, (void*)(topic + in_topic)) != 0) return;
   const __u64* const known = bpf_map_lookup_elem(&named, &key);
   if (known && *known == topic) return;
   struct ontime_name_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
   if (!event) return;  // the next message tries again
   fill(&event->event, ontime_named, endpoint, cookie);
-  // What was never touched is not in memory, and a probe may not wait for it: user space reads it then.
-  event->event.stamp_ns = topic;
-  if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) event->topic[0] = 0;
+  // What is not in memory now, a probe may not wait for: the next message tries again. User space may not
+  // either, for it is the process that says when such a wait ends (userfaultfd, FUSE).
+  if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) {
+    bpf_ringbuf_discard(event, BPF_RB_NO_WAKEUP);
+    return;
+  }
   bpf_map_update_elem(&named, &key, &topic, BPF_ANY);
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
 }
+
+static __always_inline void name(__u64 endpoint, __u64 cookie) { name_object(endpoint, endpoint, cookie); }
 
 // Of a register that the cookie names.
 static __always_inline __u64 value(const struct pt_regs* regs, __u64 cookie, __u32 shift) {
@@ -231,16 +236,14 @@ int dds_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// Cyclone DDS is done with an entity, which begins with its handle: so its address is known.
+// Cyclone DDS is done with an entity, which begins with its handle: so its address is known. One that is no
+// writer and no reader may get a name that means nothing: no message has its handle.
 SEC("uprobe")
 int dds_entity_left(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs), entity = value(regs, cookie, ontime_cookie_endpoint);
   __u32 id = 0;
-  if (bpf_probe_read_user(&id, sizeof id, (const void*)entity) != 0) return 0;
-  struct ontime_event* const event = begin(ontime_found, id, cookie);
-  if (!event) return 0;
-  event->stamp_ns = entity;
-  bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  count(ontime_turn_calls, cookie);
+  if (bpf_probe_read_user(&id, sizeof id, (const void*)entity) == 0) name_object(entity, id, cookie);
   return 0;
 }
 

@@ -11,14 +11,11 @@
 
 namespace ontime::listen {
 
-// CLOCK_MONOTONIC. Messages are judged soon after they came: only the latest times are kept.
+// CLOCK_MONOTONIC; in order of time. Messages are judged soon after they came: only the latest times are
+// kept.
 class Probing {
  public:
   void add(std::int64_t from_ns, std::int64_t to_ns) {
-    if (!times_.empty() && from_ns - times_.back().second <= near_ns) {
-      times_.back().second = to_ns;
-      return;
-    }
     if (times_.size() == most_kept) times_.pop_front();
     times_.emplace_back(from_ns, to_ns);
   }
@@ -31,14 +28,14 @@ class Probing {
     if (is_beyond(all_ns - own_ns)) return Verdict::late;
     return own_ns > 0 && (is_beyond(all_ns) || 2 * own_ns >= all_ns) ? Verdict::not_judged : Verdict::on_time;
   }
+  bool has(std::int64_t at_ns) const { return within(at_ns, at_ns + 1) > 0; }
   // Of the time in which a message was lost.
   bool is_most_of(std::int64_t from_ns, std::int64_t to_ns) const {
     return judge(from_ns, to_ns, [](std::int64_t) { return false; }) == Verdict::not_judged;
   }
 
  private:
-  static constexpr std::int64_t near_ns = 10'000'000;
-  static constexpr std::size_t most_kept = 64;
+  static constexpr std::size_t most_kept = 1024;
   std::int64_t within(std::int64_t from_ns, std::int64_t to_ns) const {
     std::int64_t sum_ns = 0;
     for (auto time = times_.rbegin(); time != times_.rend() && time->second > from_ns; ++time)

@@ -9,10 +9,12 @@
 #include <set>
 #include <sstream>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <linux/magic.h>
 #include <sys/stat.h>
 #include <sys/vfs.h>
+#include <unistd.h>
 
 namespace ontime::listen {
 namespace {
@@ -31,13 +33,22 @@ std::optional<Middleware> middleware_of(std::string_view library) {
   return {};
 }
 
-// What the process's maps do not tell, or tell otherwise than stat() does (Btrfs).
-void identify(Mapping& mapping) {
+// And what the process's maps do not tell, or tell otherwise than stat() does (Btrfs). False: it is gone, or
+// no file.
+bool open_file(Mapping& mapping) {
+  const int opened = open(mapping.path.c_str(), O_PATH | O_CLOEXEC);
+  if (opened < 0) return false;
+  mapping.descriptor = {new int(opened), [](const int* descriptor) {
+                          close(*descriptor);
+                          delete descriptor;
+                        }};
+  mapping.path = fmt::format("/proc/self/fd/{}", opened);
   struct stat file {};
   struct statfs system {};
-  if (stat(mapping.path.c_str(), &file) == 0) mapping.file = {file.st_dev, file.st_ino};
-  if (statfs(mapping.path.c_str(), &system) == 0)
-    mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
+  if (fstat(opened, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(opened, &system) != 0) return false;
+  mapping.file = {file.st_dev, file.st_ino};
+  mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
+  return true;
 }
 
 // 0: the process is gone.
@@ -116,14 +127,14 @@ Processes::Change Processes::look() {
     Process process{.id = id, .name = process_name(id), .libraries = {}};
     for (std::string line; std::getline(maps, line);) {
       auto mapping = mapping_of(line, id);
-      if (!mapping) continue;
-      identify(*mapping);
+      if (!mapping || !open_file(*mapping)) continue;
       if (std::find(known.files.begin(), known.files.end(), mapping->file) != known.files.end()) continue;
       known.files.push_back(mapping->file);
       process.libraries.push_back(*mapping);
     }
     if (!process.libraries.empty()) change.came.push_back(std::move(process));
   }
+  if (error) return change;  // too many files are open: who has ended is not known
   std::erase_if(known_, [&](const auto& one) {
     if (present.contains(one.first)) return false;
     change.gone.push_back(one.first);

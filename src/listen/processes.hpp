@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ struct Mapping {
   Middleware middleware = Middleware::rmw;
   std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
   std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
+  // Keeps `path`: a process may map another file at any time, and name it as it likes.
+  std::shared_ptr<const int> descriptor{};
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
   bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
 };
@@ -53,7 +56,8 @@ class Processes {
   std::map<std::uint32_t, Known> known_;
 };
 
-// What a line of /proc/PID/maps says of a middleware's library; empty: it is of something else.
+// What a line of /proc/PID/maps says of a middleware's library, which is not opened yet; empty: it is of
+// something else.
 std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process);
 
 }  // namespace ontime::listen

@@ -17,7 +17,9 @@ class Reader final : public Sensor {
   bool listen_for(std::chrono::milliseconds most) override {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
+      const std::chrono::nanoseconds from = std::chrono::system_clock::now().time_since_epoch();
       hearing_->take([this](const transport::Heard& heard) { add(heard); });
+      read_ns_ = from.count();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
     return true;
@@ -25,8 +27,7 @@ class Reader final : public Sensor {
 
   Findings findings() const override {
     auto findings = wire_.findings();
-    const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
-    judge_silence(findings.flows, limits_, now.count() - unread_ns);
+    judge_silence(findings.flows, limits_, read_ns_ - unread_ns);
     for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
     findings.remarks.emplace_back(
         "--reader is the last resort: each writer sends to one more reader, ontime's own. Judged is the way "
@@ -58,6 +59,7 @@ class Reader final : public Sensor {
   const Limits limits_;
   Origin origin_;
   Wire wire_;
+  std::int64_t read_ns_ = 0;  // all until then was read
 };
 
 }  // namespace

@@ -44,8 +44,9 @@ TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& value
 TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
   return {.messages = flow.messages,
           .late = flow.late,
-          .not_judged = flow.not_judged + flow.lost_not_judged,
+          .not_judged = flow.not_judged,
           .lost = flow.lost,
+          .lost_not_judged = flow.lost_not_judged,
           .duplicated = flow.duplicated,
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age) : Spread{},
@@ -67,7 +68,10 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
   for (const auto member :
        {&Counts::messages, &Counts::late, &Counts::not_judged, &Counts::duplicated, &Counts::reordered})
     series.*member += more(before.*member, now.*member);
-  if (now.lost) series.lost = series.lost.value_or(0) + more(before.lost.value_or(0), *now.lost);
+  if (now.lost) {
+    series.lost = series.lost.value_or(0) + more(before.lost.value_or(0), *now.lost);
+    series.lost_not_judged += more(before.lost_not_judged, now.lost_not_judged);
+  }
   for (const auto member : {&Counts::age, &Counts::period}) {
     for (std::size_t i = 0; i < Buckets::size; ++i)
       (series.*member).counts[i] += more((before.*member).counts[i], (now.*member).counts[i]);
@@ -83,9 +87,13 @@ void TopicCounters::add(Series& all, std::uint64_t id, const std::string& labels
   if (now.age.count() < before.age.count()) {
     before.age = {};
     before.lost.reset();
+    before.lost_not_judged = 0;
   }
   // A message that came late after all is lost no more: the next loss takes its place.
-  if (now.lost) now.lost = std::max(*now.lost, before.lost.value_or(0));
+  if (now.lost) {
+    now.lost = std::max(*now.lost, before.lost.value_or(0));
+    now.lost_not_judged = std::max(now.lost_not_judged, before.lost_not_judged);
+  }
   now.look = looks_;
   grow(all.series[labels], before, now);
   before = now;
@@ -138,10 +146,14 @@ std::string TopicCounters::metrics() const {
         "Messages of a topic that a reader took; without a reader, that were published.",
         [](const auto& counts) { return counts.messages; });
   count("topic_late_total", "Messages that missed a limit.", [](const auto& counts) { return counts.late; });
-  count("topic_not_judged_total", "Messages that were under way while ontime set or removed probes.",
+  count("topic_not_judged_total", "Messages that ontime may have made late, by setting or removing probes.",
         [](const auto& counts) { return counts.not_judged; });
   count("topic_lost_total", "Messages that were published and never taken.",
         [](const auto& counts) { return counts.lost; });
+  count("topic_lost_not_judged_total",
+        "Messages that ontime may have made lost, by setting or removing probes.", [](const auto& counts) {
+          return counts.lost ? std::optional(counts.lost_not_judged) : std::nullopt;
+        });
   count("topic_duplicated_total", "Messages that were taken again.",
         [](const auto& counts) { return counts.duplicated; });
   count("topic_out_of_order_total", "Messages that a later one overtook.",
@@ -163,6 +175,9 @@ std::string TopicCounters::metrics() const {
            "From the publish of a chain's first message to the take of its last.", &Counts::age);
     count_of(chains_, "chain_late_total", "Messages that came out of a chain beyond its limit.",
              [](const auto& counts) { return counts.late; });
+    count_of(chains_, "chain_not_judged_total",
+             "Messages that ontime may have made late, by setting or removing probes.",
+             [](const auto& counts) { return counts.not_judged; });
     text.begin("chain_ended_total", "counter", "Messages of a chain's first topic that came no further.");
     for (const auto& [labels, ended] : ended_) text.add(labels, ended);
   }

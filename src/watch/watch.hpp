@@ -113,7 +113,7 @@ class TopicCounters {
   struct Counts {
     std::uint64_t messages = 0, late = 0, not_judged = 0;
     std::optional<std::uint64_t> lost{};  // empty: the sensor cannot tell
-    std::uint64_t duplicated = 0, reordered = 0;
+    std::uint64_t lost_not_judged = 0, duplicated = 0, reordered = 0;
     Spread age{}, period{};
     std::optional<std::int64_t> silent_ns{};  // of its liveliest flow; empty: it has none any more
     std::uint64_t look = 0;                   // the last one that saw it

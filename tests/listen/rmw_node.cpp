@@ -15,8 +15,10 @@ int main() {
   std::signal(SIGTERM, [](int) { ended = 1; });
   rmw_fake_init();
   int with_duplicates = 0;
-  const rmw_publisher publisher{"rmw_fake_cpp", &with_duplicates, "/scan"};
-  const rmw_subscription subscription{"rmw_fake_cpp", nullptr, "/scan"};
+  // A copy, as each middleware makes: what no thread has touched is not in memory.
+  const char topic[] = "/scan";
+  const rmw_publisher publisher{"rmw_fake_cpp", &with_duplicates, topic};
+  const rmw_subscription subscription{"rmw_fake_cpp", nullptr, topic};
   for (std::uint64_t number = 0; ended == 0; ++number) {
     rmw_publish(&publisher, &number, nullptr);
     for (int i = 0; i < (number % 10 == 9 ? 2 : 1); ++i) {
