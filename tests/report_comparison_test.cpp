@@ -58,6 +58,23 @@ TEST(Compare, ConditionThatKeepsRunsApartIsNamed) {
   EXPECT_THAT(text, Not(HasSubstr("payload"))) << "the nearest alone";
 }
 
+TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
+  std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1)};
+  amend(a[0].run.asked, {{"period_us", 10'000}, {"deadline_us", 10'000}});
+  amend(b[0].run.asked, {{"period_us", 20'000}, {"deadline_us", 10'000}});
+  auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("Different: period: 10 ms → 20 ms. "));
+  amend(b[0].run.asked, {{"period_us", 10'000.0001}, {"deadline_us", 10'000}});
+  text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("period: 10000 → 10000.0001"));
+}
+
+TEST(Compare, NameOfAnyLengthLeavesTheLineReadable) {
+  const std::string endless(100'000, 'x');
+  const auto text = render(compare({run(endless, "k1", 1)}, {run(endless, "k2", 1)}), {}, Format::table);
+  EXPECT_LT(text.size(), 10'000U);
+}
+
 TEST(Compare, SaysBetterWorseOrCannotTell) {
   const auto verdict = [](double from, double to) {
     const std::vector a{run("x", "k", from), run("x", "k", from, 2)},

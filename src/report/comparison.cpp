@@ -163,11 +163,17 @@ Table imported_table_of(const Pair& pair) {
 
 bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.to.front()->imported; }
 
+// A record may have a name of any length.
+std::string name_of(const Runs& runs) {
+  constexpr std::size_t longest = 100;
+  return shortened(gate::name_of(runs), longest);
+}
+
 std::string list_of(const std::vector<Runs>& groups) {
   std::vector<std::string> names;
   names.reserve(groups.size());
   for (const auto& group : groups)
-    names.push_back(fmt::format("{} ({})", gate::name_of(group), many(group.size(), "run", "runs")));
+    names.push_back(fmt::format("{} ({})", name_of(group), many(group.size(), "run", "runs")));
   return join(names, "; ");
 }
 
@@ -228,7 +234,7 @@ ordered_json json_of(const Pair& pair) {
 
 // Of all without a partner, the two that differ least, and in what.
 std::string nearest(const Comparison& comparison) {
-  constexpr std::size_t most = 100;  // of a side: each is held against each
+  constexpr std::size_t most = 20;  // of a side: each is held against each
   std::string nearest;
   std::size_t least = 0;
   for (const auto& from : std::span(comparison.only_from).first(std::min(most, comparison.only_from.size())))
@@ -238,8 +244,8 @@ std::string nearest(const Comparison& comparison) {
       least = different.size();
       nearest = fmt::format(
           "Nearest: {} of A and {} of B. Different: {}. To compare them anyway: --from {} --to {}",
-          gate::name_of(*from.front()), gate::name_of(*to.front()), join(different, "; "),
-          from.front()->run.number, to.front()->run.number);
+          name_of(from), name_of(to), join(different, "; "), from.front()->run.number,
+          to.front()->run.number);
     }
   return nearest;
 }

@@ -93,13 +93,20 @@ std::vector<std::string> key_differences(const statistics::Summary& from, const 
   for (const auto& field : conditions::keys()) {
     if (field.json.empty()) continue;
     const auto &before = from.run.asked.stated(field.json), &after = to.run.asked.stated(field.json);
-    if (before != after) add(field.path, words_of(field, before), words_of(field, after));
+    if (before == after) continue;
+    const auto from_words = words_of(field, before), to_words = words_of(field, after);
+    const bool is_told = from_words != to_words;  // by fewer digits they may be the same
+    add(field.path, is_told ? from_words : word(before), is_told ? to_words : word(after));
   }
-  // What has words for several keys together: "load", "kernel".
+  // What has words for several keys together: "load", "kernel". What is the same above has words only where
+  // another key differs: "deadline", where it is not the period.
   const auto in_words = differences_between({&from, &to});
   const auto& keys = in_words.keys;
   for (std::size_t i = 0; i < keys.size(); ++i)
     if (std::ranges::none_of(
+            conditions::keys(),
+            [&](const auto& field) { return field.path == keys[i] && !field.json.empty(); }) &&
+        std::ranges::none_of(
             told, [&](const std::string& key) { return key == keys[i] || key.starts_with(keys[i] + "."); }))
       add(keys[i], in_words.values[0][i], in_words.values[1][i]);
   return differences;
