@@ -210,8 +210,9 @@ std::vector<Thread> all_of(std::vector<Thread> threads, const std::unique_ptr<Ne
 std::uint64_t allocations_allowed(const Case& value, std::uint64_t messages) {
   const std::string transport = value.transport;
   // Cyclone DDS 0.10 receives into blocks of 1 MiB and takes the next when one is full, and at times finds
-  // its list of free messages empty.
-  if (transport == "cyclonedds") return (messages * (value.payload_bytes + 1024) >> 20) + 8;
+  // its list of free messages empty: on a starved machine more are on their way than ever before (seen: 14
+  // more in 640 messages, beside compilers).
+  if (transport == "cyclonedds") return (messages * (value.payload_bytes + 1024) >> 20) + messages / 16 + 8;
   // Fast DDS 2.9 allocates a node of its history for every message received. A reliable writer hands a
   // std::function to each step that it does for its readers: 10 for a message, 3 for an acknowledgement.
   if (transport == "fastdds")
