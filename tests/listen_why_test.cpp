@@ -11,13 +11,14 @@ namespace {
 using testing::HasSubstr;
 using trace::Kind;
 
-constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30;
+constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30, worker = 33;
 constexpr std::int64_t published = 100 * ms;
 
 Party owner_of(std::int32_t thread) {
   if (thread == publishes) return {1, "controller"};
   if (thread == takes || thread == receives) return {2, "base"};
   if (thread == hog) return {30, "recorder"};
+  if (thread == worker) return {33, "kworker/1:2-events"};
   return {};
 }
 
@@ -31,6 +32,7 @@ class LateMessage : public testing::Test {
                              : thread == receives ? "recv"
                              : thread == 31       ? "one"
                              : thread == 32       ? "two"
+                             : thread == worker   ? "kworker/1:2-events"
                                                   : "";
     return {thread, name, 120};
   }
@@ -95,6 +97,17 @@ TEST_F(LateMessage, ReaderBehindAnotherThreadNamesIt) {
   EXPECT_EQ(found.thread, takes);
   EXPECT_EQ(found.ns, 21 * ms - 20 * us);
   EXPECT_THAT(found.fix, HasSubstr("chrt -a -f -p 51 2)")) << "above the real-time priority of the other";
+}
+
+TEST_F(LateMessage, ThreadOfTheKernelIsNotToBeMoved) {
+  switched(90 * ms, 0, 0, "R", publishes);
+  switched(91 * ms, 1, 0, "R", worker);
+  event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
+  switched(published + 21 * ms, 1, worker, "S", takes);
+  const auto found = why(old(published + 21 * ms + 50 * us));
+  EXPECT_EQ(found.culprit, (Party{33, "kworker/1:2-events"}));
+  EXPECT_THAT(found.fix, HasSubstr("SCHED_FIFO for base"));
+  EXPECT_THAT(found.fix, testing::Not(HasSubstr("taskset"))) << "the kernel refuses";
 }
 
 TEST_F(LateMessage, ReceivingThreadBehindAnotherNamesIt) {

@@ -2,6 +2,7 @@
 #include "listen/why.hpp"
 
 #include <algorithm>
+#include <initializer_list>
 #include <map>
 #include <set>
 
@@ -176,9 +177,16 @@ class Search {
     return why;
   }
 
+  // A thread of the kernel to which it gives no other CPU.
+  static bool is_bound(const std::string& thread) {
+    return std::ranges::any_of(
+        std::initializer_list<const char*>{"kworker/", "ksoftirqd/", "migration/", "rcuc/", "ktimers/"},
+        [&](const char* name) { return thread.starts_with(name); });
+  }
+
   static std::string fix_of(const Part& part, const Party& process) {
     const auto victim = words_of(process, "", part.thread_id);
-    const auto other_cpus = part.culprit_threads.empty()
+    const auto other_cpus = part.culprit_threads.empty() || is_bound(part.culprit)
                                 ? std::string()
                                 : fmt::format(", or other CPUs for {} (taskset)", part.culprit);
     switch (part.cause) {

@@ -200,7 +200,7 @@ std::string faults_of(const Account& account) {
   if (account.late + account.lost + account.late_by_response == 0) return "";
   auto text = fmt::format("{} late, {} lost", grouped(account.late), grouped(account.lost));
   if (account.late_by_response > 0)
-    text += fmt::format(", {} late by response", grouped(account.late_by_response));
+    text += fmt::format(", {} more late by response", grouped(account.late_by_response));
   return text;
 }
 

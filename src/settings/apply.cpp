@@ -36,20 +36,24 @@ std::vector<Wish> in_order(const Wishes& wishes) {
   return all;
 }
 
-// Where the things of a setting are to be seen.
-void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
-  if (setting.of_interface && link.interface.empty())
-    throw journal::Error("it is of an interface, and none is named");
-  if (setting.of_interface && !journal::is_interface_name(link.interface))
+void where_the_interface_is(const Link& link, const std::function<void()>& action) {
+  if (!journal::is_interface_name(link.interface))
     throw journal::Error(
         fmt::format("'{}' is no name of an interface of letters, digits and '_-.@': ip link set ... name "
                     "NAME gives it one",
                     link.interface));
-  journal::within_namespace(setting.of_interface ? link.network_namespace : "", [&] {
-    if (setting.of_interface && if_nametoindex(link.interface.c_str()) == 0)
+  journal::within_namespace(link.network_namespace, [&] {
+    if (if_nametoindex(link.interface.c_str()) == 0)
       throw journal::Error(fmt::format("there is no interface {}", link.interface));
     action();
   });
+}
+
+// Where the things of a setting are to be seen.
+void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
+  if (!setting.of_interface) return journal::within_namespace("", action);
+  if (link.interface.empty()) throw journal::Error("it is of an interface, and none is named");
+  where_the_interface_is(link, action);
 }
 
 // The same, with its name before what went wrong.
@@ -175,6 +179,7 @@ journal::Value now(const Change& change, const Link& link) {
 }
 
 std::vector<State> show(const Link& link) {
+  if (!link.interface.empty()) where_the_interface_is(link, [] {});
   std::vector<State> states;
   for (const auto& setting : table()) {
     State state{&setting, {}, geteuid() == 0 ? "" : "root alone can set it"};

@@ -95,6 +95,7 @@ struct State {
   std::vector<std::pair<Thing, std::string>> things;
   std::string cannot;
 };
+// Throws journal::Error: an interface is named that is not there.
 std::vector<State> show(const Link&);
 // The value that would leave a thing that is `now` so as it is: "on", "60"; `now` where no such word would.
 std::string value_that_keeps(const Setting&, const Thing&, const std::string& now);

@@ -261,6 +261,7 @@ class Tune(unittest.TestCase):
                 (["apply", "--set", "busy-poll=9", "--print", "runes"], 2, "runes"),
                 (["apply", "--set", "ksoftirqd=60", "--print", "tmpfiles"], 3, "ksoftirqd"),
                 (["show", "--format", "xml"], 2, "xml"),
+                (["show", "--interface", "nonet0"], 3, "nonet0"),
                 ([], 2, "")):
             with self.subTest(arguments=arguments):
                 answer = self.ontime("tune", *arguments)
