@@ -43,15 +43,24 @@ TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
     EXPECT_THROW(goal_of(text), gate::Error) << text;
 }
 
-TEST(Goal, CountsMessagesThatAreLateOrSlow) {
+// 3 late answers and 2 lost messages.
+TEST(Goal, LateCountsLostMessagesToo) {
   statistics::Summary run;
   run.late_probability.events = 3;
-  run.late_probability.messages = 100;
-  run.late_probability.effect = 2;
+  run.lost_probability.events = 2;
+  run.missed_probability.events = 5;
+  run.late_by_response_probability.events = 7;
+  for (auto* of : {&run.late_probability, &run.lost_probability, &run.missed_probability,
+                   &run.late_by_response_probability}) {
+    of->messages = 100;
+    of->effect = 2;
+  }
   const auto tally = tally_of(goal_of("late = 0").front(), run);
-  EXPECT_EQ(tally.events, 3);
+  EXPECT_EQ(tally.events, 5);
   EXPECT_EQ(tally.messages, 100);
   EXPECT_EQ(tally.effect, 2);
+  EXPECT_EQ(tally_of(goal_of("lost = 0").front(), run).events, 2);
+  EXPECT_EQ(tally_of(goal_of("response late = 0").front(), run).events, 7);
 }
 
 TEST(Goal, UnansweredMessagesAreNotWithinALimit) {

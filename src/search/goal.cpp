@@ -73,8 +73,11 @@ double messages_to_prove(const Limit& limit, double of_run) {
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
+  // A gate's `late` counts late answers alone. A goal's counts lost messages, too: else the search would hold
+  // it with a setting by which late answers become lost ones.
+  const bool is_late = part.gate.figure == Figure::late && part.gate.times == statistics::Times::round_trip;
   // At most: a goal must not be proven by what is not known.
-  const auto of = gate::probability_beyond(part.gate, run).at_most;
+  const auto of = is_late ? run.missed_probability : gate::probability_beyond(part.gate, run).at_most;
   // What was not answered has no time, and was not within any.
   std::uint64_t unanswered = 0;
   if (!statistics::metric_of(part.gate.figure).is_share) {
