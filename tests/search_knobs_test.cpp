@@ -11,6 +11,7 @@
 namespace ontime::search {
 namespace {
 
+using testing::AllOf;
 using testing::Contains;
 using testing::ElementsAre;
 using testing::Field;
@@ -95,6 +96,11 @@ TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
     EXPECT_THAT(knobs.knobs, Not(Contains(of_key(key))));
     EXPECT_THAT(knobs.left_out, Contains(left_out(key)));
   }
+  EXPECT_THAT(
+      knobs.left_out,
+      Contains(AllOf(left_out("kernel.napi-threads"),
+                     Field(&Knobs::LeftOut::why, HasSubstr("does not state kernel.threaded-napi: on")))))
+      << "the machine may have it on";
   EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
   EXPECT_THAT(knobs.knobs,
               Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));

@@ -77,7 +77,7 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
     return fmt::format("no priority is below {}", bounds.below_priority);
   if (is_of_cpus(key) && bounds.cpus.empty()) return "there is only one CPU";
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
-    return "NAPI has no threads here: threaded-napi is off";
+    return "the scenario does not state kernel.threaded-napi: on, with which NAPI has threads";
   return "";
 }
 
