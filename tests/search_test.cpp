@@ -268,8 +268,10 @@ TEST(Search, ASetWhoseRunsFailedForAReasonThatPassesIsStillKept) {
       return ++failed, Answer{{}, {}, "no answer", true};
     return machine.run(order.set);
   });
+  EXPECT_EQ(failed, 2);
   EXPECT_EQ(outcome.end, End::goal_holds);
   EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60")));
+  for (const auto& trial : outcome.trials) EXPECT_NE(trial.why, "no answer") << "it was not refused";
 }
 
 TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {

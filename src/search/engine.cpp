@@ -82,10 +82,12 @@ class Search {
       ++outcome_.runs;
       ++trial.runs;
       if (run->refused.empty()) return measured_.add(set, std::move(*run));
-      trial.why = run->refused;
       refused_setting_ = run->refused_setting;
       if (run->may_pass && attempt < most_attempts) continue;
-      if (!is_vital || !run->is_recalled) return nullptr;
+      if (!is_vital || !run->is_recalled) {
+        trial.why = run->refused;  // only now: where a later attempt succeeds, the cause stays the reason
+        return nullptr;
+      }
       attempt = 0;
     }
   }
