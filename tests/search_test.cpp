@@ -274,6 +274,23 @@ TEST(Search, ASetWhoseRunsFailedForAReasonThatPassesIsStillKept) {
   for (const auto& trial : outcome.trials) EXPECT_NE(trial.why, "no answer") << "it was not refused";
 }
 
+TEST(Search, ATrialWithoutAMeasuredRunHasNoShares) {
+  const Setting napi{"kernel.napi-threads", "60"};
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    constexpr int confirmation = 3;  // after the start, and the set
+    if (order.trial >= confirmation && !order.set.empty()) return Answer{{}, {}, "no answer"};
+    const double slow = order.set.empty() ? 500 : 0;
+    return Answer{{{slow, 2000, 1}, {slow, 2000, 1}}, {{"napi waited", slow, {napi}}}, ""};
+  });
+  EXPECT_THAT(outcome.set, ElementsAre(Pair(napi.key, napi.value)));
+  ASSERT_GE(outcome.trials.size(), 3U);
+  EXPECT_EQ(outcome.trials[2].purpose, Trial::Purpose::confirm);
+  EXPECT_EQ(outcome.trials[2].decision, Decision::refused);
+  EXPECT_EQ(outcome.trials[2].why, "no answer");
+  EXPECT_THAT(outcome.trials[2].shares, IsEmpty());
+  EXPECT_THAT(outcome.trials[1].shares, SizeIs(2));
+}
+
 TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {
   const auto outcome = find(Machine::problem(1), [](const Order&) { return Answer{{}, {}, "no route"}; });
   EXPECT_EQ(outcome.end, End::cannot_measure);

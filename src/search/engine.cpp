@@ -94,7 +94,7 @@ class Search {
 
   Decision ended(Trial trial, const Runs& mine, const Runs& theirs, Decision decision) {
     trial.decision = decision;
-    trial.shares = measured_.shares(mine, problem_.alpha);
+    if (!mine.empty()) trial.shares = measured_.shares(mine, problem_.alpha);
     if (!theirs.empty()) trial.reference_shares = measured_.shares(theirs, problem_.alpha);
     outcome_.trials.push_back(std::move(trial));
     return decision;

@@ -104,7 +104,7 @@ struct Trial {
   int runs = 0;            // of both
   Decision decision = Decision::no_effect;
   std::string why{};                                // the cause that it is to remove, or why it was refused
-  std::vector<Share> shares{}, reference_shares{};  // of each limit
+  std::vector<Share> shares{}, reference_shares{};  // of each limit; empty: no run was measured
 };
 const char* word_of(Trial::Purpose);
 
