@@ -291,6 +291,10 @@ TEST(Search, ATrialWithoutAMeasuredRunHasNoShares) {
   EXPECT_THAT(outcome.trials[1].shares, SizeIs(2));
 }
 
+TEST(Search, ACauseSaysThatItCountsTheMessagesLookedAt) {
+  EXPECT_EQ(text_of(Finding{"napi waited", 31, {}}), "31 of the messages looked at: napi waited");
+}
+
 TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {
   const auto outcome = find(Machine::problem(1), [](const Order&) { return Answer{{}, {}, "no route"}; });
   EXPECT_EQ(outcome.end, End::cannot_measure);

@@ -258,7 +258,7 @@ std::string text_of(const SearchReport& report) {
                         contribution_text(report.problem, one));
   if (!outcome.remaining.empty()) text += "\nStill late because of:\n";
   for (std::size_t i = 0; i < std::min(most_causes, outcome.remaining.size()); ++i)
-    text += fmt::format("  {:.0f} messages: {}\n", outcome.remaining[i].messages, outcome.remaining[i].cause);
+    text += fmt::format("  {}\n", search::text_of(outcome.remaining[i]));
   text += list("No effect", not_kept(outcome, Purpose::add, Decision::no_effect));
   text += list("Not needed", not_kept(outcome, Purpose::remove, Decision::holds));
   text += list("Harmful", not_kept(outcome, Purpose::add, Decision::harms));
@@ -348,7 +348,7 @@ std::string page_of(const SearchReport& report) {
   body += "</table></div>";
   if (!outcome.remaining.empty()) body += "<h2>Remaining causes</h2><ul>";
   for (const auto& finding : outcome.remaining)
-    body += fmt::format("<li>{:.0f} messages: {}</li>", finding.messages, escaped(finding.cause));
+    body += fmt::format("<li>{}</li>", escaped(search::text_of(finding)));
   if (!outcome.remaining.empty()) body += "</ul>";
   return table::standing_alone("Search: " + report.scenario, body);
 }

@@ -3,6 +3,8 @@
 #include <random>
 #include <set>
 
+#include <fmt/format.h>
+
 #include "search/measured.hpp"
 #include "search/search.hpp"
 
@@ -444,6 +446,10 @@ const char* word(const char* const (&words)[size], Word value) {
 }
 
 }  // namespace
+
+std::string text_of(const Finding& finding) {
+  return fmt::format("{:.0f} of the messages looked at: {}", finding.messages, finding.cause);
+}
 
 const char* word_of(Decision decision) {
   return word({"holds", "fails", "improves", "harms", "no effect", "refused"}, decision);

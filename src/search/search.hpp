@@ -60,9 +60,10 @@ struct Tally {
 // What made messages late, and what may remove it: alternatives, the best first.
 struct Finding {
   std::string cause;
-  double messages = 0;
+  double messages = 0;  // of those that were looked at: some of each run, the worst
   std::vector<Setting> remedies;
 };
+std::string text_of(const Finding&);  // "31 of the messages looked at: napi/eth1-1 waited for a CPU"
 
 // What came of a run.
 struct Answer {
