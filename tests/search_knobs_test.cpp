@@ -190,7 +190,7 @@ TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
                    {"realtime.receive.cpus", "0"},
                    {"kernel.coalescing", "rx-usecs=0"},
                    {"kernel.rmem-max", "4 MiB"}};
-  const auto kept = keep(set, {}, "/usr/bin/env");
+  const auto kept = keep({}, set, {}, "/usr/bin/env");
   const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
   scenario::Selection selection;
   selection.set = set;
@@ -202,7 +202,7 @@ TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
 const Set of_an_interface = {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}};
 
 TEST(Keep, TheUnitSetsWhatIsTheKernels) {
-  const auto kept = keep(of_an_interface, {}, "/usr/bin/env");
+  const auto kept = keep({}, of_an_interface, {}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(1));
   const auto& unit = kept.units.front();
   EXPECT_EQ(unit.command,
@@ -215,17 +215,33 @@ TEST(Keep, TheUnitSetsWhatIsTheKernels) {
   EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
 }
 
+// NAPI has threads, whose priority can be set, only with the run's own threaded-napi.
+TEST(Keep, TheUnitSetsWhatTheRunItselfAsksOfTheKernelToo) {
+  conditions::Run run;
+  run.kernel = {{"gro", "on"}, {"rmem-max", "8192"}, {"threaded-napi", "on"}};
+  auto kept = keep(run, {{"kernel.napi-threads", "60"}, {"kernel.rmem-max", "4 MiB"}}, {}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_EQ(kept.units.front().command,
+            "ontime tune apply --set gro=on --set napi-threads=60 --set rmem-max=4194304 --set "
+            "threaded-napi=on --interface INTERFACE --print systemd");
+  EXPECT_THAT(kept.scenario, Not(HasSubstr("gro"))) << "the scenario has it";
+  kept = keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_THAT(kept.units.front().text, HasSubstr("--set threaded-napi=on"));
+  EXPECT_THAT(keep(run, {}, {}, "/usr/bin/env").units, IsEmpty()) << "nothing is to be changed";
+}
+
 TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
   const auto kept =
-      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth3", ""}}}, "/usr/bin/env");
+      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth3", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_THAT(kept.units.front().text, HasSubstr("--interface eth3\n"));
   EXPECT_EQ(kept.units.front().host + kept.fill_in, "");
 }
 
 TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
-  const auto kept =
-      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth0", "robot"}}}, "/usr/bin/env");
+  const auto kept = keep({}, of_an_interface,
+                         {{"controller", {"eth3", ""}}, {"component", {"eth0", "robot"}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(2));
   EXPECT_EQ(kept.units[0].host, "component");
   EXPECT_THAT(kept.units[0].text, HasSubstr("--interface eth0 --namespace robot"));
@@ -234,7 +250,7 @@ TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
 
 TEST(Keep, OfTwoHostsTheOneWhoseInterfaceIsNotKnownHasAPlaceholder) {
   const auto kept =
-      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
+      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(2));
   EXPECT_THAT(kept.units[0].text, HasSubstr("--interface INTERFACE"));
   EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
@@ -242,17 +258,17 @@ TEST(Keep, OfTwoHostsTheOneWhoseInterfaceIsNotKnownHasAPlaceholder) {
 
 TEST(Keep, SettingsOfNoInterfaceNeedNone) {
   const auto kept =
-      keep({{"kernel.ksoftirqd", "60"}}, {{"a", {"eth3", ""}}, {"b", {"", ""}}}, "/usr/bin/env");
+      keep({}, {{"kernel.ksoftirqd", "60"}}, {{"a", {"eth3", ""}}, {"b", {"", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_THAT(kept.units.front().text, Not(HasSubstr("--interface")));
   EXPECT_EQ(kept.fill_in, "");
 }
 
 TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
-  const auto of_process = keep({{"realtime", "on"}}, {}, "/usr/bin/env");
+  const auto of_process = keep({}, {{"realtime", "on"}}, {}, "/usr/bin/env");
   EXPECT_EQ(of_process.scenario, "defaults:\n  realtime: on\n");
   EXPECT_THAT(of_process.units, IsEmpty());
-  EXPECT_EQ(keep({}, {}, "/usr/bin/env").scenario, "");
+  EXPECT_EQ(keep({}, {}, {}, "/usr/bin/env").scenario, "");
 }
 
 class Causes : public testing::Test {

@@ -237,15 +237,16 @@ int Searched::show(const search::Links& links) const {
   const auto& results = asked_.results;
   const auto reader = places_.writer.reader();
   terminal.clear_line();
-  const SearchReport report{problem_,
-                            outcome_,
-                            knobs_.left_out,
-                            stopped(),
-                            machine_of(reader),
-                            arguments_.scenario,
-                            results,
-                            std::filesystem::path(results).replace_extension("search.html").string(),
-                            search::keep(outcome_.set, links, orders::this_program())};
+  const SearchReport report{
+      problem_,
+      outcome_,
+      knobs_.left_out,
+      stopped(),
+      machine_of(reader),
+      arguments_.scenario,
+      results,
+      std::filesystem::path(results).replace_extension("search.html").string(),
+      search::keep(asked_.scenario.runs.front(), outcome_.set, links, orders::this_program())};
   write_whole(report.page, page_of(report));
   terminal.note("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(for_output(text_of(report)));

@@ -5,16 +5,13 @@
 
 #include <fmt/format.h>
 
-#include "conditions/conditions.hpp"
-
 namespace ontime::search {
 namespace {
 
 constexpr const char* to_fill_in = "INTERFACE";  // by who reads the printed unit
 
-// As `ontime tune` takes them: sizes in bytes.
-settings::Wishes wishes_of(const Set& set) {
-  conditions::Run run;
+// The run's own, or what the set has instead. As `ontime tune` takes them: sizes in bytes.
+settings::Wishes wishes_of(conditions::Run run, const Set& set) {
   for (const auto& key : conditions::keys())
     if (const auto found = set.find(key.path); key.path.starts_with("kernel.") && found != set.end())
       key.set(run, found->second);
@@ -53,12 +50,12 @@ Unit unit_of(const std::string& host, const settings::Link& link, const settings
 
 }  // namespace
 
-Kept keep(const Set& set, const Links& links, const std::string& program) {
+Kept keep(const conditions::Run& run, const Set& set, const Links& links, const std::string& program) {
   Kept kept;
   if (set.empty()) return kept;
   kept.scenario = "defaults:\n";
   for (const auto& [key, value] : set) kept.scenario += fmt::format("  {}: {}\n", key, value);
-  const auto wishes = wishes_of(set);
+  const auto wishes = wishes_of(run, set);
   if (wishes.empty()) return kept;
   for (const auto& [host, link] : links_of(links, wishes)) {
     kept.units.push_back(unit_of(host, link, wishes, program));

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "conditions/conditions.hpp"
 #include "search/search.hpp"
 #include "settings/settings.hpp"
 
@@ -23,10 +24,10 @@ struct Kept {
   std::vector<Unit> units;  // empty: no setting is the kernel's
   std::string fill_in;      // what is to be put into the units, for people; "": nothing
 };
-// `program`: what the units start. `links`: of each host, where its messages come and go at boot; an
-// interface
-// "" is not known.
+// The units also set what the run itself asks of the kernel: the goal was proven with it, and napi-threads
+// cannot be set without its threaded-napi. `program`: what the units start. `links`: of each host, where its
+// messages come and go at boot; an interface "" is not known.
 using Links = std::map<std::string, settings::Link>;
-Kept keep(const Set&, const Links&, const std::string& program);
+Kept keep(const conditions::Run&, const Set&, const Links&, const std::string& program);
 
 }  // namespace ontime::search
