@@ -182,21 +182,29 @@ TEST(Knobs, ReliableWithOneMessageOnALossyLinkIsAContradiction) {
   EXPECT_THAT(contradictions(run), IsEmpty());
 }
 
-constexpr const char* lean = "hosts: loopback\nruns: [{id: a, transport: udp, duration: 1 s}]\n";
+constexpr const char* lean =
+    "hosts: loopback\ndefaults: {kernel.rmem-max: 1 MiB}\n"
+    "runs:\n  - id: a\n    transport: udp\n    duration: 1 s\n";
 
-TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
+TEST(Keep, TheKeysOfARunCanBePastedAndMeanTheSame) {
   const Set set = {{"realtime", "on"},
                    {"realtime.cpu-latency", "0 us"},
                    {"realtime.receive.cpus", "0"},
                    {"kernel.coalescing", "rx-usecs=0"},
                    {"kernel.rmem-max", "4 MiB"}};
-  const auto kept = keep({}, set, {}, "/usr/bin/env");
-  const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
+  const std::string stated = lean + std::string("    kernel.rmem-max: 2 MiB\n");  // by the run itself
   scenario::Selection selection;
   selection.set = set;
-  const auto searched = scenario::parse_scenario("a.yaml", lean, selection);
-  EXPECT_EQ(conditions::asked(pasted.runs.front(), pasted.hosts),
-            conditions::asked(searched.runs.front(), searched.hosts));
+  for (const auto& text : {std::string(lean), stated}) {
+    const auto searched = scenario::parse_scenario("a.yaml", text, selection);
+    const auto kept = keep(searched.runs.front(), set, {}, "/usr/bin/env");
+    EXPECT_EQ(kept.run, "a");
+    const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
+    EXPECT_EQ(conditions::asked(pasted.runs.front(), pasted.hosts),
+              conditions::asked(searched.runs.front(), searched.hosts));
+    EXPECT_THROW(scenario::parse_scenario("a.yaml", stated + kept.scenario, {}), scenario::Error)
+        << "a key that was not replaced does not win without a word";
+  }
 }
 
 const Set of_an_interface = {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}};
@@ -266,7 +274,7 @@ TEST(Keep, SettingsOfNoInterfaceNeedNone) {
 
 TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
   const auto of_process = keep({}, {{"realtime", "on"}}, {}, "/usr/bin/env");
-  EXPECT_EQ(of_process.scenario, "defaults:\n  realtime: on\n");
+  EXPECT_EQ(of_process.scenario, "    realtime: on\n");
   EXPECT_THAT(of_process.units, IsEmpty());
   EXPECT_EQ(keep({}, {}, {}, "/usr/bin/env").scenario, "");
 }

@@ -107,7 +107,10 @@ std::string list(const char* title, const std::vector<std::string>& words) {
 // Titles, and text to paste.
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
-  if (!kept.scenario.empty()) parts.emplace_back("In the scenario, for its runs", kept.scenario);
+  if (!kept.scenario.empty())
+    parts.emplace_back(
+        fmt::format("In the scenario, in run {} (replace keys that it states already)", kept.run),
+        kept.scenario);
   for (const auto& unit : kept.units) {
     const auto where = unit.host.empty() ? "on each machine" : "on the " + unit.host;
     if (unit.why_not.empty())
@@ -289,7 +292,7 @@ ordered_json json_of(const SearchReport& report) {
   for (const auto& unit : kept.units)
     units.push_back(
         {{"host", unit.host}, {"command", unit.command}, {"systemd", unit.text}, {"why_not", unit.why_not}});
-  all["keep"] = {{"scenario", kept.scenario}, {"units", units}, {"fill_in", kept.fill_in}};
+  all["keep"] = {{"run", kept.run}, {"scenario", kept.scenario}, {"units", units}, {"fill_in", kept.fill_in}};
   auto& contributions = all["contributions"] = ordered_json::array();
   for (const auto& one : outcome.contributions) {
     auto less = ordered_json::array();

@@ -53,8 +53,8 @@ Unit unit_of(const std::string& host, const settings::Link& link, const settings
 Kept keep(const conditions::Run& run, const Set& set, const Links& links, const std::string& program) {
   Kept kept;
   if (set.empty()) return kept;
-  kept.scenario = "defaults:\n";
-  for (const auto& [key, value] : set) kept.scenario += fmt::format("  {}: {}\n", key, value);
+  kept.run = run.id;
+  for (const auto& [key, value] : set) kept.scenario += fmt::format("    {}: {}\n", key, value);
   const auto wishes = wishes_of(run, set);
   if (wishes.empty()) return kept;
   for (const auto& [host, link] : links_of(links, wishes)) {

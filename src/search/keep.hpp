@@ -20,7 +20,8 @@ struct Unit {
   std::string why_not;  // why there is no text, for people
 };
 struct Kept {
-  std::string scenario;     // "defaults:" of a scenario, in YAML; "": nothing is to be kept
+  std::string run;          // its id: `scenario` belongs into it, as defaults do not change what it states
+  std::string scenario;     // keys of that run, in YAML; "": nothing is to be kept
   std::vector<Unit> units;  // empty: no setting is the kernel's
   std::string fill_in;      // what is to be put into the units, for people; "": nothing
 };
