@@ -481,10 +481,10 @@ TEST(Shape, HidesNoExtreme) {
                                           : answered(index, due_ns, skipped, took_ns));
     due_ns = samples.back().due_ns + 10 * ms;
   }
-  const auto summary = summary_of(samples, asked_next_free);  // it says 100 s, which is half of it
+  const auto summary = summary_of(samples, asked_next_free);  // it says 100 s, which is less than half of it
   const auto& shape = summary.shape;
   ASSERT_LE(shape.slices.size(), 2000u);
-  EXPECT_EQ(shape.slice_ns, 100 * ms);
+  EXPECT_EQ(shape.slice_ns, 200 * ms);
   Slice all;
   for (const auto& slice : shape.slices) {
     all.sent += slice.sent;
@@ -508,6 +508,50 @@ TEST(Shape, HidesNoExtreme) {
   };
   EXPECT_EQ(count(shape.round_trip), summary.round_trip.count);
   EXPECT_EQ(count(shape.response), summary.response.count);
+}
+
+// A robot's own messages are listened to without a stated duration: 3 h, two messages a second.
+TEST(Shape, OfALongRunWithoutAStatedDurationReachesToItsEnd) {
+  auto asked = asked_next_free;
+  asked.erase("duration_s");
+  constexpr std::int64_t hours_s = 3 * 3600;
+  std::vector<Sample> samples;
+  for (std::int64_t i = 0; i < 2 * hours_s; ++i)
+    samples.push_back(answered(static_cast<std::uint64_t>(i), 1000 * ms + i * 500 * ms, 0, (i % 9 + 1) * us));
+  const auto worst = static_cast<std::size_t>(2 * 2 * 3600);  // after two hours
+  samples[worst] = answered(worst, samples[worst].due_ns, 0, 70 * ms);
+  samples[worst + 1] = lost(worst + 1, samples[worst + 1].due_ns, 0);
+  const auto shape = summary_of(samples, asked).shape;
+  EXPECT_LE(shape.slices.size(), 2000u);
+  EXPECT_EQ(static_cast<std::int64_t>(shape.slices.size()) * shape.slice_ns, hours_s * 1000 * ms);
+  const auto place = static_cast<std::size_t>(2 * 3600 * 1000 * ms / shape.slice_ns);
+  for (std::size_t i = 0; i < shape.slices.size(); ++i) {
+    const auto& slice = shape.slices[i];
+    EXPECT_EQ(slice.sent, 2u * static_cast<std::uint64_t>(shape.slice_ns / (1000 * ms)));
+    EXPECT_EQ(slice.lost, i == place ? 1u : 0u);
+    EXPECT_EQ(slice.max_ns == 70 * ms, i == place) << i;
+    EXPECT_LE(slice.min_ns, slice.p50_ns);
+    EXPECT_LE(slice.p50_ns, 9 * us) << "as most of its messages, not as the worst";
+  }
+}
+
+TEST(Shape, StallOfHoursIsInEachOfItsSlices) {
+  auto asked = asked_next_free;
+  asked["duration_s"] = 1.0;
+  const auto summary = summary_of(
+      {answered(0, 1000 * ms, 0, us), answered(1, 1010 * ms, 0, us), answered(2, 1020 * ms, 360'000, us)},
+      asked);
+  const auto& slices = summary.shape.slices;
+  ASSERT_LE(slices.size(), 2000u);
+  std::uint64_t skipped = 0;
+  for (const auto& slice : slices) {
+    skipped += slice.skipped_cycles;
+    EXPECT_GT(slice.skipped_cycles, 0u);
+  }
+  EXPECT_EQ(skipped, 360'000u);
+  EXPECT_EQ(slices.front().sent, 2u);
+  EXPECT_GT(slices.front().p50_ns, 0);
+  EXPECT_EQ(slices.back().sent, 1u);
 }
 
 // 400 messages in one bin of the histogram.

@@ -11,7 +11,7 @@ using roundtrip::Fate;
 using roundtrip::Sample;
 
 constexpr std::int64_t slices_of_a_run = 1000;  // as long as it was to be
-constexpr std::size_t most_slices = 2000;       // where it was longer
+constexpr std::size_t most_slices = 2000;       // a run that is longer has longer ones
 constexpr std::int64_t second_ns = 1'000'000'000;
 constexpr std::size_t most_worst = 10;
 
@@ -22,16 +22,52 @@ std::int64_t over_ns(const Sample& sample, std::int64_t timeout_ns) {
   return sample.fate == Fate::lost ? nth_after(sample.sent_ns, timeout_ns, 1) : sample.received_ns;
 }
 
+// Two stretches become one. Their times are gone, so its median is one of the two: that of far more messages,
+// else the lower or the higher one. As that changes from one merger to the next, an outlier is not kept long.
+void merge(Slice& all, const Slice& other, bool lower) {
+  const auto answered = all.sent - all.lost, others = other.sent - other.lost;
+  if (answered == 0) {
+    all.min_ns = other.min_ns;
+    all.p50_ns = other.p50_ns;
+    all.max_ns = other.max_ns;
+  } else if (others > 0) {
+    all.min_ns = std::min(all.min_ns, other.min_ns);
+    all.max_ns = std::max(all.max_ns, other.max_ns);
+    const bool is_others =
+        others / 2 > answered || (others >= answered / 2 && (other.p50_ns < all.p50_ns) == lower);
+    if (is_others) all.p50_ns = other.p50_ns;
+  }
+  all.sent += other.sent;
+  all.late += other.late;
+  all.lost += other.lost;
+  all.skipped_cycles += other.skipped_cycles;
+  all.response_max_ns = std::max(all.response_max_ns, other.response_max_ns);
+}
+
 }  // namespace
 
 Timeline::Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns)
     : start_ns_(start_ns), slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns) {}
 
-std::size_t Timeline::index_of(std::int64_t due_ns) const {
+// A robot's own messages are listened to for no stated time, and a run may overrun. Slices are then made
+// longer, for the last one would hold all that came later, and a figure would end there.
+std::size_t Timeline::index_of(std::int64_t due_ns) {
   if (due_ns <= start_ns_) return 0;
   const auto after = static_cast<std::uint64_t>(due_ns) - static_cast<std::uint64_t>(start_ns_);
-  return static_cast<std::size_t>(
-      std::min<std::uint64_t>(after / static_cast<std::uint64_t>(slice_ns_), most_slices - 1));
+  while (after / static_cast<std::uint64_t>(slice_ns_) >= most_slices) double_slices();
+  return static_cast<std::size_t>(after / static_cast<std::uint64_t>(slice_ns_));
+}
+
+void Timeline::double_slices() {
+  close();
+  for (std::size_t i = 0; i < slices_.size(); ++i) {
+    const auto slice = std::exchange(slices_[i], {});
+    merge(slices_[i / 2], slice, lower_);
+  }
+  slices_.resize((slices_.size() + 1) / 2);
+  current_ /= 2;
+  slice_ns_ *= 2;
+  lower_ = !lower_;
 }
 
 Slice& Timeline::at(std::size_t index) {
@@ -40,7 +76,8 @@ Slice& Timeline::at(std::size_t index) {
 }
 
 void Timeline::message(const Sample& sample) {
-  const auto index = std::max(current_, index_of(sample.due_ns));
+  const auto due_in = index_of(sample.due_ns);  // it may change where the current slice is
+  const auto index = std::max(current_, due_in);
   if (index != current_) close();
   current_ = index;
   auto& slice = at(index);
@@ -56,13 +93,17 @@ void Timeline::message(const Sample& sample) {
 
 void Timeline::close() {
   if (round_trips_.empty()) return;
-  auto& slice = at(current_);
+  Slice open{.sent = round_trips_.size()};
   const auto [least, greatest] = std::minmax_element(round_trips_.begin(), round_trips_.end());
-  slice.min_ns = *least;
-  slice.max_ns = *greatest;
+  open.min_ns = *least;
+  open.max_ns = *greatest;
   const auto middle = round_trips_.begin() + static_cast<std::ptrdiff_t>((round_trips_.size() - 1) / 2);
   std::nth_element(round_trips_.begin(), middle, round_trips_.end());
-  slice.p50_ns = *middle;
+  open.p50_ns = *middle;
+  // It may have others from before slices became longer; these are in its count already.
+  auto& slice = at(current_);
+  slice.sent -= open.sent;
+  merge(slice, open, lower_);
   round_trips_.clear();
 }
 
@@ -72,7 +113,7 @@ void Timeline::each_slice(const Series& cycles, Use use) {
   for (auto left = cycles.count; left > 0;) {
     const auto index = index_of(due_ns);
     auto here = left;
-    if (index + 1 < most_slices && cycles.step > 0) {
+    if (cycles.step > 0) {
       // To the next slice's beginning: more than nothing, for this cycle is due before it.
       const auto end_ns = nth_after(start_ns_, slice_ns_, index + 1);
       const auto cycles_to_end = (between(due_ns, end_ns) - 1) / cycles.step + 1;

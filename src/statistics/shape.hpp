@@ -12,7 +12,7 @@ namespace ontime::statistics {
 
 class Timeline {
  public:
-  // Nothing: the record does not say how long the run was to be.
+  // Nothing: the record does not say how long the run was to be. At most 2,000 slices, however long it is.
   Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns);
   void message(const roundtrip::Sample&);
   void skipped(const Series& cycles);  // by when each was due
@@ -21,7 +21,8 @@ class Timeline {
   std::vector<Slice> slices() &&;
 
  private:
-  std::size_t index_of(std::int64_t due_ns) const;
+  std::size_t index_of(std::int64_t due_ns);  // makes room for it
+  void double_slices();
   Slice& at(std::size_t index);
   template <class Use>
   void each_slice(const Series& cycles, Use);  // use(its slice, how many of them, when the first was due)
@@ -30,6 +31,7 @@ class Timeline {
   std::int64_t start_ns_, slice_ns_;
   std::vector<Slice> slices_;
   std::size_t current_ = 0;
+  bool lower_ = true;                      // which median the next merger keeps
   std::vector<std::int64_t> round_trips_;  // of the current slice
 };
 
