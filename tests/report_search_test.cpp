@@ -143,6 +143,35 @@ TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
   EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0)}, {Plot::Figure::neighbours}), Not(HasSubstr("$missed")));
 }
 
+Summary all_lost(Summary run) {
+  amend(run.run.outcome, "/lost", run.lost = run.sent);
+  run.on_time = 0;
+  run.round_trip = {};
+  return run;
+}
+
+TEST(Plots, MarkAStepOfWhichAllMessagesWereLost) {
+  const auto good = step(0, "100 Hz", 0), bad = all_lost(step(1, "200 Hz", 0));
+  auto text = gnuplot_of({good, bad}, {Plot::Figure::neighbours});
+  EXPECT_THAT(text, AllOf(HasSubstr("$missed0 << END\n200 10\nEND"), HasSubstr("set yrange [0.7")))
+      << "at the deadline of 10 ms";
+  EXPECT_THAT(text, HasSubstr(":14]\n")) << "which is within the axes";
+  EXPECT_THAT(gnuplot_of({bad}, {Plot::Figure::neighbours}), Not(HasSubstr("$run0")));
+  auto open_end = bad;
+  amend(open_end.run.asked, "/deadline_us", 0);
+  text = gnuplot_of({good, open_end}, {Plot::Figure::neighbours});
+  EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 2.772\nEND")) << "at the top";
+  EXPECT_THAT(text, HasSubstr(":2.772]\n"));
+  text =
+      gnuplot_of({good, step(1, "200 Hz", 0), all_lost(step(1, "200 Hz", 0, 2))}, {Plot::Figure::neighbours});
+  EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND")) << "one of two repetitions";
+}
+
+TEST(Plots, OfAPayloadMarkMisses) {
+  auto run = step(0, "100 Hz", 5);
+  EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload}), HasSubstr("$missed0 << END\n500 1.98 "));
+}
+
 TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
   auto single = step(0, "100 Hz", 0), multi = step(0, "100 Hz", 0);
   amend(single.run.asked, "/search/among", "options.executor single");

@@ -21,14 +21,11 @@ struct Abscissa {
   const char* key;  // of a scenario
   const char* label;
   double (*of)(const Summary&);  // above 0; else the run is not drawn
-  bool marks_misses;
 };
 constexpr Abscissa payload{
-    "payload", "Payload (bytes)",
-    [](const Summary& summary) {
+    "payload", "Payload (bytes)", [](const Summary& summary) {
       return static_cast<double>(std::max<std::size_t>(summary.run.asked.task.client.payload_bytes, 1));
-    },
-    false};
+    }};
 // As asked for, or, where that was more than could be had, as it was.
 double rate_of_neighbours_hz(const Summary& summary) {
   const auto& asked = summary.run.asked.task.neighbours;
@@ -44,9 +41,8 @@ double rate_of_neighbours_hz(const Summary& summary) {
   // If none was sent, there is no place for it: it is drawn at what was asked for, and marked.
   return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
-constexpr Abscissa rate_of_neighbours{"neighbours.rate",
-                                      "Background topics: messages/s, each topic and direction",
-                                      rate_of_neighbours_hz, true};
+constexpr Abscissa rate_of_neighbours{
+    "neighbours.rate", "Background topics: messages/s, each topic and direction", rate_of_neighbours_hz};
 
 // What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
 std::string line_of(const Summary& summary, const Abscissa& abscissa) {
@@ -81,6 +77,16 @@ std::string place(double x, const Group& runs, Figure figure) {
   return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
 }
 
+// At p99, else at p50; where so few were answered that there is neither, at the deadline or at the top.
+std::string place_of_miss(double x, const Group& runs, const Range& range) {
+  for (const auto figure : {Figure::p99, Figure::p50})
+    if (auto found = place(x, runs, figure); !found.empty()) return found;
+  const auto deadlines = deadlines_ms(runs);
+  return fmt::format("{:.6g} {:.6g}\n", x,
+                     std::clamp(deadlines.empty() ? range.greatest_ms : deadlines.back(), range.least_ms,
+                                range.greatest_ms));
+}
+
 // Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
 constexpr int hollow_points[] = {6, 4, 8, 12};
 
@@ -91,18 +97,26 @@ std::string plot_against(const Group& group, const Plot& plot) {
   constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;
-  double least_x = 1e300, greatest_x = 0;
-  for (const auto* summary : group)
-    if (const auto x = abscissa.of(*summary); summary->round_trip.count > 0 && x > 0) {
-      series[line_of(*summary, abscissa)][x].push_back(summary);
-      least_x = std::min(least_x, x);
-      greatest_x = std::max(greatest_x, x);
+  double least_x = 1e300, greatest_x = 0, least = 1e12, greatest = 0;
+  for (const auto* summary : group) {
+    const auto x = abscissa.of(*summary);
+    // What lost all of its messages is the worst there is: it has no round trip, but it has a ×.
+    if (x <= 0 || (summary->round_trip.count == 0 && !missed_any(*summary))) continue;
+    series[line_of(*summary, abscissa)][x].push_back(summary);
+    least_x = std::min(least_x, x);
+    greatest_x = std::max(greatest_x, x);
+    if (summary->round_trip.count == 0) {
+      greatest = std::max(greatest, deadline_ms(*summary).value_or(0));
+      continue;
     }
+    least = std::min(least, ms(summary->round_trip[Figure::p50]));
+    greatest = std::max(greatest, ms(summary->round_trip[Figure::p99]));
+  }
+  const Range range = greatest > 0 ? Range{std::min(least, greatest) / 1.4, greatest * 1.4} : Range{0.1, 10};
   std::vector<Entry> entries;
   std::vector<std::string> parts;
   std::vector<std::pair<std::string, std::string>> data;
   bool any_repeated = false, any_missed = false;
-  double least = 1e12, greatest = 0;
   for (const auto& [name, places] : series) {
     const auto i = entries.size();
     std::string p50, p99, missed;
@@ -110,27 +124,22 @@ std::string plot_against(const Group& group, const Plot& plot) {
       p50 += place(x, runs, Figure::p50);
       p99 += place(x, runs, Figure::p99);
       any_repeated = any_repeated || runs.size() > 1;
-      for (const auto* run : runs) {
-        least = std::min(least, ms(run->round_trip[Figure::p50]));
-        greatest = std::max(greatest, ms(run->round_trip[Figure::p99]));
-      }
-      if (abscissa.marks_misses &&
-          std::ranges::any_of(runs, [](const auto* run) { return missed_any(*run); }))
-        missed += place(x, runs, Figure::p99);
+      if (std::ranges::any_of(runs, [](const auto* run) { return missed_any(*run); }))
+        missed += place_of_miss(x, runs, range);
     }
     const auto points = hollow_points[i / 7 % std::size(hollow_points)];
     const auto solid = fmt::format("linewidth 1 linecolor rgb '{}'", colour(i));
     const auto filled = fmt::format("pointtype {} pointsize 0.4", points + 1);
     entries.push_back({name, solid, fmt::format("{} linecolor rgb '{}'", filled, colour(i))});
-    data.emplace_back(fmt::format("run{}", i), p50);
-    data.emplace_back(fmt::format("tail{}", i), p99);
-    parts.push_back(fmt::format("$run{} using 1:2 with linespoints {} {}", i, filled, solid));
-    parts.push_back(fmt::format("$tail{} using 1:2 with linespoints pointtype {} pointsize 0.4 dashtype 2 {}",
-                                i, points, solid));
-    for (const auto* name_of_data : {"run", "tail"})
+    const auto add = [&](const char* kind, const std::string& lines, const std::string& with) {
+      if (lines.empty()) return;  // all messages of all its runs were lost, or there are too few for a p99
+      data.emplace_back(fmt::format("{}{}", kind, i), lines);
+      parts.push_back(fmt::format("${}{} using 1:2 with linespoints {} {}", kind, i, with, solid));
       if (any_repeated)
-        parts.push_back(
-            fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", name_of_data, i, solid));
+        parts.push_back(fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", kind, i, solid));
+    };
+    add("run", p50, filled);
+    add("tail", p99, fmt::format("pointtype {} pointsize 0.4 dashtype 2", points));
     if (missed.empty()) continue;
     any_missed = true;
     data.emplace_back(fmt::format("missed{}", i), missed);
@@ -146,7 +155,6 @@ std::string plot_against(const Group& group, const Plot& plot) {
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);
   const Box axes{left_cm, 0.2, width - right_cm, 0.2 + axes_cm};
-  const Range range = greatest > 0 ? Range{least / 1.4, greatest * 1.4} : Range{0.1, 10};
   sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange [{}:{}]", range.least_ms,
                         range.greatest_ms, series.empty() ? 0.1 : least_x / 1.3,
                         series.empty() ? 10 : greatest_x * 1.3));
