@@ -551,19 +551,22 @@ TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   EXPECT_THAT(commands, Not(HasSubstr("set label 'p99"))) << "too few messages: it is not drawn";
 }
 
+// Round trips from that on, spread over 100 µs.
+Summary measured(const json& asked, std::int64_t base_ns) {
+  std::mt19937_64 random(static_cast<std::uint64_t>(base_ns));
+  record::Writer writer("");
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 2000; ++i)
+    samples.push_back(sample(i, base_ns + static_cast<std::int64_t>(random() % 100'000)));
+  const auto run = writer.begin_run(asked);
+  writer.append(run, samples);
+  writer.end_run(run, outcome());
+  const auto reader = writer.reader();
+  return statistics::summarise(reader, reader.runs().front());
+}
+Summary measured(const char* id, std::int64_t base_ns) { return measured(asked(id, "udp"), base_ns); }
+
 TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
-  std::mt19937_64 random(4);
-  const auto measured = [&](const char* id, std::int64_t base_ns) {
-    record::Writer writer("");
-    std::vector<Sample> samples;
-    for (std::uint64_t i = 0; i < 2000; ++i)
-      samples.push_back(sample(i, base_ns + static_cast<std::int64_t>(random() % 100'000)));
-    const auto run = writer.begin_run(asked(id, "udp"));
-    writer.append(run, samples);
-    writer.end_run(run, outcome());
-    const auto reader = writer.reader();
-    return statistics::summarise(reader, reader.runs().front());
-  };
   const Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
   const auto commands = gnuplot_of(compare_chosen(from, to), {});
   for (const auto* text :
@@ -574,6 +577,18 @@ TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
   EXPECT_NEAR(std::stod(p50[0]), 850.0 / 450, 0.1);
   EXPECT_THAT(commands, HasSubstr("B is slower"));
   EXPECT_EQ(gnuplot_of(Comparison{}, {}), "") << "nothing to draw";
+}
+
+TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
+  const Summaries from{measured("before", 400'000)}, to{measured("after", 400'000'000)};
+  const auto commands = gnuplot_of(compare_chosen(from, to), {});
+  const auto p50 = found_in(commands, "\\$change0_1 << END\n([0-9.]+) ");
+  const auto edge = found_in(commands, "set xrange \\[[^:]*:([0-9.]+)\\]");
+  ASSERT_EQ(p50.size(), 1u);
+  ASSERT_EQ(edge.size(), 1u);
+  EXPECT_NEAR(std::stod(p50[0]), 400'050.0 / 450, 20);
+  EXPECT_GT(std::stod(edge[0]), std::stod(p50[0]));
+  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10' 10, '× 100' 100"));
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What changed from A to B, as a forest plot: of each metric B / A and its interval.
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
@@ -70,23 +71,34 @@ const char* colour_of(const Change& change) {
 
 struct Ratios {
   double least = 0.8, greatest = 1.25;
+  bool is_cut = false;  // an end of an interval lies beyond
 };
+// All ratios lie within. An end of an interval that is farther from its ratio tells no more than one that is
+// open, and would leave the rest of the axis too little room.
+constexpr double farthest = 1000;
 Ratios ratios_of(const std::vector<Panel>& panels) {
   Ratios all;
   for (const auto& panel : panels)
     for (const auto& [name, change] : panel.rows)
-      for (const auto& ratio : {change.ratio, change.ratio_lies.low, change.ratio_lies.high})
-        if (ratio && *ratio > 0.005 && *ratio < 200) {
-          all.least = std::min(all.least, *ratio / 1.1);
-          all.greatest = std::max(all.greatest, *ratio * 1.1);
+      for (const auto& ratio : {change.ratio, change.ratio_lies.low, change.ratio_lies.high}) {
+        if (!ratio || !std::isfinite(*ratio) || *ratio <= 0) continue;
+        if (*ratio > *change.ratio * farthest || *ratio * farthest < *change.ratio) {
+          all.is_cut = true;
+          continue;
         }
+        all.least = std::min(all.least, *ratio / 1.1);
+        all.greatest = std::max(all.greatest, *ratio * 1.1);
+      }
   return all;
 }
 
 std::string ratio_tics(const Ratios& range) {
   const std::vector<double> close = {0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.4, 1.6, 1.8},
-                            wide = {0.1, 0.2, 0.5, 1, 2, 5, 10}, widest = {0.01, 0.1, 1, 10, 100};
+                            wide = {0.1, 0.2, 0.5, 1, 2, 5, 10};
+  std::vector<double> widest;
   const auto span = range.greatest / range.least;
+  const int every = 1 + static_cast<int>(std::log10(span) / 4);  // so that their names have room
+  for (int power = -20 * every; power <= 20 * every; power += every) widest.push_back(std::pow(10, power));
   std::vector<std::string> tics;
   for (const auto ratio : span < 3 ? close : span < 30 ? wide : widest)
     if (ratio >= range.least && ratio <= range.greatest)
@@ -130,14 +142,16 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
     if (auto panel = panel_of(pair, width - 0.5); !panel.rows.empty()) panels.push_back(std::move(panel));
   if (panels.empty()) return "";
   const auto range = ratios_of(panels);
-  const Legend legend({{"B is slower", "linewidth 1.2 linecolor rgb '#d55e00'",
-                        "pointtype 7 pointsize 0.45 linecolor rgb '#d55e00'"},
-                       {"B is faster", "linewidth 1.2 linecolor rgb '#0072b2'",
-                        "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
-                       {"cannot tell", "linewidth 1.2 linecolor rgb '#666666'",
-                        "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
-                       {"bar: 98 % confidence interval; to the edge: not bounded"}},
-                      width - 0.6);
+  const Legend legend(
+      {{"B is slower", "linewidth 1.2 linecolor rgb '#d55e00'",
+        "pointtype 7 pointsize 0.45 linecolor rgb '#d55e00'"},
+       {"B is faster", "linewidth 1.2 linecolor rgb '#0072b2'",
+        "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
+       {"cannot tell", "linewidth 1.2 linecolor rgb '#666666'",
+        "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
+       {range.is_cut ? "bar: 98 % confidence interval; to the edge: not bounded within 1,000 times"
+                     : "bar: 98 % confidence interval; to the edge: not bounded"}},
+      width - 0.6);
   double height = 0.1 + legend.height_cm() + 0.15 + last_cm - bottom_cm;
   for (const auto& panel : panels)
     height += static_cast<double>(panel.title.size() + panel.notes.size()) * line_cm +
