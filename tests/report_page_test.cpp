@@ -579,6 +579,29 @@ TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
   EXPECT_EQ(gnuplot_of(Comparison{}, {}), "") << "nothing to draw";
 }
 
+TEST(Gnuplot, ChangeHasTheVerdictOfTheTable) {
+  // The mean is less for certain, yet runs differ so much that the interval of the ratio has × 1 in it.
+  Summaries from, to;
+  for (int i = 1; i <= 3; ++i) {
+    from.push_back(measured(asked("before", "udp", i), 700'000 + i * 1000));
+    to.push_back(measured(asked("after", "udp", i), i == 1 ? 1'000 : 300'000 + i * 1000));
+  }
+  const auto comparison = compare_chosen(from, to);
+  ASSERT_EQ(comparison.pairs.size(), 1u);
+  const auto change =
+      change_of(comparison.pairs[0], statistics::Times::round_trip, statistics::Figure::mean).value();
+  ASSERT_EQ(change.verdict(), statistics::Verdict::better);
+  ASSERT_GT(change.ratio_lies.high.value_or(2), 1);
+  EXPECT_THAT(gnuplot_of(comparison, {}),
+              ::testing::ContainsRegex("change0_0 using [^\n]*linecolor rgb '#0072b2'"));
+}
+
+TEST(Gnuplot, ChangeIsOfWhatWasMeasured) {
+  Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
+  for (auto* runs : {&from, &to}) amend(runs->front().run.asked, "/measures", "age");
+  EXPECT_THAT(gnuplot_of(compare_chosen(from, to), {}), HasSubstr("set label 'Age, B / A'"));
+}
+
 TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
   const Summaries from{measured("before", 400'000)}, to{measured("after", 400'000'000)};
   const auto commands = gnuplot_of(compare_chosen(from, to), {});

@@ -160,7 +160,7 @@ std::string plot_against(const Group& group, const Plot& plot) {
                         series.empty() ? 10 : greatest_x * 1.3));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
   for (const auto& [name, lines] : data) sheet.data(name, lines);
-  sheet.text(0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
+  sheet.text(0.2, (axes.top + axes.bottom) / 2, report::quantity_of(group), "center rotate");
   sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, abscissa.label, "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
   if (parts.empty()) parts.emplace_back("NaN notitle");

@@ -16,6 +16,7 @@ namespace {
 using statistics::Change;
 using statistics::Figure;
 using statistics::Times;
+using statistics::Verdict;
 
 using Metric = std::pair<Times, Figure>;
 constexpr Metric ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
@@ -63,10 +64,11 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   return panel;
 }
 
+// As the table has it, which goes by the difference: the interval of the ratio may say otherwise. Of single
+// runs there is no verdict, for one start may differ from the next.
 const char* colour_of(const Change& change) {
-  if (!change.repeated) return grey;  // no verdict either: one start may differ from the next
-  const auto& [low, high] = change.ratio_lies;
-  return low && *low > 1 ? orange : high && *high < 1 ? blue : grey;
+  const auto verdict = change.verdict();
+  return verdict == Verdict::worse ? orange : verdict == Verdict::better ? blue : grey;
 }
 
 struct Ratios {
@@ -138,8 +140,15 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
                    gap_cm = 0.25;
   const auto width = Sheet::width_cm(plot);
   std::vector<Panel> panels;
-  for (const auto& pair : comparison.pairs)
-    if (auto panel = panel_of(pair, width - 0.5); !panel.rows.empty()) panels.push_back(std::move(panel));
+  Group all;
+  bool is_repeated = true;
+  for (const auto& pair : comparison.pairs) {
+    auto panel = panel_of(pair, width - 0.5);
+    if (panel.rows.empty()) continue;
+    panels.push_back(std::move(panel));
+    for (const auto* runs : {&pair.from, &pair.to}) all.insert(all.end(), runs->begin(), runs->end());
+    is_repeated = is_repeated && report::is_repeated(pair);
+  }
   if (panels.empty()) return "";
   const auto range = ratios_of(panels);
   const Legend legend(
@@ -147,8 +156,8 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
         "pointtype 7 pointsize 0.45 linecolor rgb '#d55e00'"},
        {"B is faster", "linewidth 1.2 linecolor rgb '#0072b2'",
         "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
-       {"cannot tell", "linewidth 1.2 linecolor rgb '#666666'",
-        "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
+       {is_repeated ? "cannot tell" : "cannot tell, or one run on a side",
+        "linewidth 1.2 linecolor rgb '#666666'", "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
        {range.is_cut ? "bar: 98 % confidence interval; to the edge: not bounded within 1,000 times"
                      : "bar: 98 % confidence interval; to the edge: not bounded"}},
       width - 0.6);
@@ -171,7 +180,7 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
                    top + 0.05 + static_cast<double>(panel.rows.size()) * row_cm};
     top = axes.bottom + bottom_cm;
     if (i + 1 == panels.size()) {
-      sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.65, "Round trip, B / A", "center");
+      sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.65, quantity_of(all) + ", B / A", "center");
       top = axes.bottom + last_cm;
     }
     for (const auto& note : panel.notes) sheet.text(0.25, (top += line_cm) - line_cm / 2, note);
