@@ -4,6 +4,7 @@
 #include <random>
 #include <regex>
 
+#include <fmt/format.h>
 #include <sodium.h>
 #include <zlib.h>
 
@@ -488,6 +489,28 @@ TEST(Gnuplot, LostMessagesStandAboveAllThatWasAnswered) {
   const auto greatest = found_in(commands, "set yrange \\[[^:]*:([0-9.]+)\\]");
   ASSERT_EQ(greatest.size(), 1u);
   EXPECT_GT(std::stod(greatest[0]), 10 * 1.6) << "room above the deadline of 10 ms";
+}
+
+// Ages by a simulated clock, say. A logarithmic axis has no 0: gnuplot leaves out what stands there.
+TEST(Gnuplot, TimesOfNothingStandAtTheLowerEndOfTheAxis) {
+  auto run = plotted("a", "udp");
+  run.shape.slices.front().min_ns = run.shape.slices.front().p50_ns = 0;
+  run.shape.round_trip = {{0, 2, 1000}, {100'000, 104'427, 990}, {8'000'000, 8'354'210, 10}};
+  run.round_trip.min = 0;
+  run.round_trip.count = 2000;
+  run.round_trip[statistics::Figure::p50] = 0;
+  run.round_trip_certainty[statistics::Figure::p50].sure = {0, 100'000};
+  const auto lower_end = fmt::format("{:.6g}", 0.1 / 1.4);
+  const auto of = [&](Plot::Figure figure) { return gnuplot_of({run}, {figure, Plot::Form::svg, false}); };
+  EXPECT_THAT(of(Plot::Figure::time), HasSubstr("$extents0 << END\n0.005 " + lower_end + "\n0.005 9\n"));
+  EXPECT_THAT(of(Plot::Figure::time), HasSubstr("$medians0 << END\n0.005 " + lower_end + "\n"));
+  EXPECT_THAT(of(Plot::Figure::ccdf), HasSubstr("$run0 << END\n" + lower_end + " 1\n"));
+  EXPECT_THAT(of(Plot::Figure::conditions), HasSubstr("$points0 << END\n" + lower_end + " "));
+  EXPECT_THAT(of(Plot::Figure::conditions), HasSubstr("$extents << END\n" + lower_end + " "));
+  EXPECT_THAT(of(Plot::Figure::payload), HasSubstr("$run0 << END\n500 " + lower_end + " "));
+  for (const auto figure :
+       {Plot::Figure::time, Plot::Figure::ccdf, Plot::Figure::conditions, Plot::Figure::payload})
+    EXPECT_THAT(of(figure), HasSubstr("range [0.0714")) << "from the least time above 0";
 }
 
 TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {

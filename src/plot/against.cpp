@@ -67,11 +67,11 @@ bool missed_any(const Summary& summary) {
 }
 
 // x, the median of the repetitions, their lowest and their highest; nothing where too few were answered.
-std::string place(double x, const Group& runs, Figure figure) {
+std::string place(double x, const Group& runs, Figure figure, const Range& range) {
   std::vector<double> values;
   for (const auto* run : runs)
     if (run->round_trip.count >= statistics::metric_of(figure).one_in)
-      values.push_back(ms(run->round_trip[figure]));
+      values.push_back(range.at(run->round_trip[figure]));
   if (values.empty()) return "";
   const auto [low, high] = std::ranges::minmax_element(values);
   return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
@@ -80,7 +80,7 @@ std::string place(double x, const Group& runs, Figure figure) {
 // At p99, else at p50; where so few were answered that there is neither, at the deadline or at the top.
 std::string place_of_miss(double x, const Group& runs, const Range& range) {
   for (const auto figure : {Figure::p99, Figure::p50})
-    if (auto found = place(x, runs, figure); !found.empty()) return found;
+    if (auto found = place(x, runs, figure, range); !found.empty()) return found;
   const auto deadlines = deadlines_ms(runs);
   return fmt::format("{:.6g} {:.6g}\n", x,
                      std::clamp(deadlines.empty() ? range.greatest_ms : deadlines.back(), range.least_ms,
@@ -109,7 +109,8 @@ std::string plot_against(const Group& group, const Plot& plot) {
       greatest = std::max(greatest, deadline_ms(*summary).value_or(0));
       continue;
     }
-    least = std::min(least, ms(summary->round_trip[Figure::p50]));
+    const auto p50 = summary->round_trip[Figure::p50];
+    least = std::min(least, p50 > 0 ? ms(p50) : least_positive_ms(*summary));
     greatest = std::max(greatest, ms(summary->round_trip[Figure::p99]));
   }
   const Range range = greatest > 0 ? Range{std::min(least, greatest) / 1.4, greatest * 1.4} : Range{0.1, 10};
@@ -121,8 +122,8 @@ std::string plot_against(const Group& group, const Plot& plot) {
     const auto i = entries.size();
     std::string p50, p99, missed;
     for (const auto& [x, runs] : places) {
-      p50 += place(x, runs, Figure::p50);
-      p99 += place(x, runs, Figure::p99);
+      p50 += place(x, runs, Figure::p50, range);
+      p99 += place(x, runs, Figure::p99, range);
       any_repeated = any_repeated || runs.size() > 1;
       if (std::ranges::any_of(runs, [](const auto* run) { return missed_any(*run); }))
         missed += place_of_miss(x, runs, range);

@@ -62,7 +62,7 @@ std::string point(double at_ms, double share) { return fmt::format("{:.6g} {:.6g
 std::string line_of(const Curve& curve, const Range& range, double floor) {
   if (!curve.answered()) return point(range.least_ms, 1) + point(range.greatest_ms, 1);
   std::string line;
-  for (const auto ns : curve.steps()) line += point(ms(ns), std::max(curve.slower(ns), floor));
+  for (const auto ns : curve.steps()) line += point(range.at(ns), std::max(curve.slower(ns), floor));
   // Lost ones stay, however slow one asks for.
   if (curve.lost() > 0) line += point(range.greatest_ms, curve.lost());
   return line;
@@ -82,20 +82,20 @@ std::string spread_of(const Group& runs, const Range& range, double floor) {
     band += fmt::format("{:.6g} {:.6g} {:.6g}\n", at_ms, std::max(low, floor), std::max(high, floor));
   };
   for (const auto ns : at) {
-    add(ms(ns));
+    add(range.at(ns));
     low = 1, high = 0;
     for (const auto& curve : curves) {
       low = std::min(low, curve.slower(ns));
       high = std::max(high, curve.slower(ns));
     }
-    add(ms(ns));
+    add(range.at(ns));
   }
   add(range.greatest_ms);
   return band;
 }
 
 // The corners of what the intervals of p50 to p99.99 span, as far as they have both ends.
-std::string interval_of(const Summary& run) {
+std::string interval_of(const Summary& run, const Range& range) {
   const auto& sure = run.round_trip_certainty;
   const auto lost = run.sent > 0 ? static_cast<double>(run.lost) / static_cast<double>(run.sent) : 0;
   std::string there, back;
@@ -103,8 +103,8 @@ std::string interval_of(const Summary& run) {
     const auto* of = &sure[row.figure];
     if (!of->sure.low || !of->sure.high) break;
     const auto y = lost + (1 - lost) * row.share_above();
-    there += point(ms(*of->sure.low), y);
-    back.insert(0, point(ms(*of->sure.high), y));
+    there += point(range.at(*of->sure.low), y);
+    back.insert(0, point(range.at(*of->sure.high), y));
   }
   return there + back;
 }
@@ -152,7 +152,7 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
     if (runs.size() > 1)
       bands[i] = spread_of(runs, range, floor);
     else if (conditions.size() <= most_intervals)
-      bands[i] = interval_of(*runs.front());
+      bands[i] = interval_of(*runs.front(), range);
     (runs.size() > 1 ? any_spread : any_interval) |= !bands[i].empty();
   }
   const auto* const patch = "linewidth 6 linecolor rgb '#cccccc'";

@@ -30,13 +30,13 @@ struct Found {
   double median_ms, low_ms, high_ms;
 };
 // Of those runs in which so many were answered that the metric is one, as in the tables.
-std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edge_ms) {
+std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Range& range) {
   std::vector<double> values;
   const Summary* last = nullptr;
   const auto fewest = std::max<std::uint64_t>(statistics::metric_of(metric.figure).one_in, 1);
   for (const auto* run : runs)
     if (run->round_trip.count >= fewest) {
-      values.push_back(ms(run->round_trip[metric.figure]));
+      values.push_back(range.at(run->round_trip[metric.figure]));
       last = run;
     }
   if (values.empty()) return {};
@@ -44,8 +44,8 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edg
   Found found{statistics::estimate(values)->median, *low, *high};
   if (values.size() == 1 && metric.has_interval()) {
     const auto& sure = last->round_trip_certainty[metric.figure].sure;
-    if (sure.low) found.low_ms = ms(*sure.low);
-    found.high_ms = sure.high ? ms(*sure.high) : edge_ms;
+    if (sure.low) found.low_ms = range.at(*sure.low);
+    found.high_ms = sure.high ? range.at(*sure.high) : range.greatest_ms;
   }
   return found;
 }
@@ -56,7 +56,7 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
   std::vector<Entry> entries;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
     if (std::ranges::none_of(conditions,
-                             [&](const auto& one) { return found_in(one.runs, metrics[i], 0).has_value(); }))
+                             [&](const auto& one) { return found_in(one.runs, metrics[i], {}).has_value(); }))
       continue;
     const bool has_bar = repeated > 0 || metrics[i].has_interval();
     entries.push_back({statistics::metric_of(metrics[i].figure).name,
@@ -78,18 +78,18 @@ std::string horizontal(double from_ms, double to_ms, double y) {
 
 // What there is to draw of all rows, each at its height.
 struct Lines {
-  void add(const Group& runs, double top, double bottom, double edge_ms) {
+  void add(const Group& runs, double top, double bottom, const Range& range) {
     const auto middle = (top + bottom) / 2;
     for (std::size_t m = 0; m < metrics.size(); ++m)
-      if (const auto found = found_in(runs, metrics[m], edge_ms)) {
+      if (const auto found = found_in(runs, metrics[m], range)) {
         points[m] += fmt::format("{:.6g} {:.4f}\n", found->median_ms, middle);
         bars[m] += horizontal(found->low_ms, found->high_ms, middle);
       }
     double least = 1e12, greatest = 0;
     for (const auto* run : runs)
       if (run->round_trip.count > 0) {
-        least = std::min(least, ms(run->round_trip.min));
-        greatest = std::max(greatest, ms(run->round_trip.max));
+        least = std::min(least, range.at(run->round_trip.min));
+        greatest = std::max(greatest, range.at(run->round_trip.max));
       }
     if (greatest > 0) extents += horizontal(least, greatest, middle);
     for (const auto deadline : deadlines_ms(runs))
@@ -150,7 +150,7 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
     for (std::size_t line = 0; line < titles[i].size(); ++line, y += line_cm)
       sheet.text(left_cm, top_cm + y + line_cm / 2, titles[i][line],
                  line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
-    lines.add(conditions[i].runs, y, y + strip_cm, range.greatest_ms);
+    lines.add(conditions[i].runs, y, y + strip_cm, range);
     y += strip_cm + gap_cm;
   }
   sheet.plot(axes, lines.parts(sheet));

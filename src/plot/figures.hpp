@@ -2,6 +2,7 @@
 // The figures for papers, one file each, and what they share.
 #pragma once
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <vector>
@@ -34,11 +35,16 @@ std::vector<double> deadlines_ms(const Group&);                   // each once
 std::string deadline_text(const std::vector<double>& deadlines);  // "deadline 10 ms"
 inline constexpr const char* deadline_style = "linewidth 0.8 dashtype 2 linecolor rgb '#666666'";
 
-// From the least to the greatest round trip of all, deadlines included, with room on both sides.
+// From the least to the greatest round trip of all, deadlines included, with room on both sides. The axis is
+// logarithmic and has no place for 0, which ages and periods of a robot's own messages may be: it is drawn at
+// the lower end.
 struct Range {
   double least_ms, greatest_ms;
+  double at(double ns) const { return std::max(ms(ns), least_ms); }
+  double at(std::int64_t ns) const { return at(static_cast<double>(ns)); }
 };
 Range range_of(const Group&);
+double least_positive_ms(const statistics::Summary&);  // to within a bin of its histogram; 1e12 if none is
 
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;

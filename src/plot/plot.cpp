@@ -86,13 +86,21 @@ std::string deadline_text(const std::vector<double>& deadlines) {
   return (texts.size() > 1 ? "deadlines " : "deadline ") + join(texts, ", ");
 }
 
+double least_positive_ms(const Summary& summary) {
+  const auto& all = summary.round_trip;
+  if (all.min > 0) return ms(all.min);
+  for (const auto& bin : summary.shape.round_trip)
+    if (bin.from_ns > 0) return ms(bin.from_ns);
+  return all.max > 0 ? ms(all.max) : 1e12;
+}
+
 Range range_of(const Group& group) {
   double least = 1e12, greatest = 0;
   for (const auto* summary : group) {
     const auto deadline = deadline_ms(*summary).value_or(0);
     greatest = std::max(greatest, deadline);
     if (summary->round_trip.count == 0) continue;
-    least = std::min(least, ms(summary->round_trip.min));
+    least = std::min(least, least_positive_ms(*summary));
     greatest = std::max(
         {greatest, ms(summary->round_trip.max), summary->skipped_cycles > 0 ? ms(summary->response.max) : 0});
   }

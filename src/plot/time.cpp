@@ -56,9 +56,8 @@ std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t mo
 }
 
 // A line, or, where it has no length, a dot: gnuplot leaves out what has none.
-std::string segment(double at, std::int64_t from_ns, std::int64_t to_ns) {
-  const auto to_ms = std::max(ms(to_ns), ms(from_ns) * 1.003);
-  return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at, ms(from_ns), to_ms);
+std::string segment(double at, double from_ms, double to_ms) {
+  return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at, from_ms, std::max(to_ms, from_ms * 1.003));
 }
 
 // Its name, and its length in s.
@@ -69,19 +68,19 @@ std::pair<const char*, double> unit_for(double end_s) {
 }
 
 // Of a run what there is to draw, as gnuplot's parts of a plot.
-std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run,
+std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run, const Range& range,
                                   std::size_t most_stretches, double unit_s) {
   constexpr double as_a_dot = 1.15;  // so much longer than short: its line would be hard to see
   std::string extents, alone, medians, late, lost, passed;
   for (const auto& [at_s, of] : stretches_of(summary.shape, most_stretches)) {
     const bool answered = of.sent > of.lost;
-    const auto at = at_s / unit_s;
-    if (answered)
-      (ms(of.max_ns) < ms(of.min_ns) * as_a_dot ? alone : extents) += segment(at, of.min_ns, of.max_ns);
-    medians += answered ? fmt::format("{:.6g} {:.6g}\n", at, ms(of.p50_ns)) : "\n";
-    if (of.late > 0) late += segment(at, of.max_ns, of.max_ns);
+    const auto at = at_s / unit_s, min_ms = range.at(of.min_ns), max_ms = range.at(of.max_ns);
+    if (answered) (max_ms < min_ms * as_a_dot ? alone : extents) += segment(at, min_ms, max_ms);
+    medians += answered ? fmt::format("{:.6g} {:.6g}\n", at, range.at(of.p50_ns)) : "\n";
+    if (of.late > 0) late += segment(at, max_ms, max_ms);
     if (of.lost > 0) lost += fmt::format("{:.6g} 0.95\n", at);
-    if (of.skipped_cycles > 0) passed += segment(at, of.response_max_ns, of.response_max_ns);
+    if (of.skipped_cycles > 0)
+      passed += segment(at, range.at(of.response_max_ns), range.at(of.response_max_ns));
   }
   std::vector<std::string> parts;
   const auto add = [&](const char* name, const std::string& lines, const std::string& with) {
@@ -221,7 +220,7 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   for (std::size_t i = 0; i < group.size(); ++i) {
     add_texts(sheet, layout, i, unit);
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
-    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, most_stretches, unit_s));
+    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, range, most_stretches, unit_s));
   }
   return sheet.commands();
 }
