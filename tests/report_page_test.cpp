@@ -589,6 +589,22 @@ Summary measured(const json& asked, std::int64_t base_ns) {
 }
 Summary measured(const char* id, std::int64_t base_ns) { return measured(asked(id, "udp"), base_ns); }
 
+TEST(Gnuplot, RunThatWasNotAsAskedSaysSoAndIsNotPooledWithOthers) {
+  auto good = plotted("a", "udp", 1), cut = plotted("a", "udp", 2), failed = plotted("a", "fastdds");
+  amend(cut.run.outcome, "/interrupted", true);
+  amend(failed.run.outcome, "/error", "no answer");
+  const auto over_time = gnuplot_of({good, cut, failed}, {});
+  EXPECT_THAT(over_time, HasSubstr("'a udp #1: System under load'"));
+  EXPECT_THAT(over_time, HasSubstr("'a udp #2: System under load (CUT OFF)'"));
+  EXPECT_THAT(over_time, HasSubstr("'a fastdds #1: System under load (FAILED)'"));
+  for (const auto figure : {Plot::Figure::ccdf, Plot::Figure::conditions}) {
+    const auto commands = gnuplot_of({good, cut, failed}, {figure, Plot::Form::svg, false});
+    EXPECT_THAT(commands, HasSubstr("'a udp: System under load'"));
+    EXPECT_THAT(commands, HasSubstr("'a fastdds: System under load (FAILED)'")) << "it is all there is of it";
+    EXPECT_THAT(commands, Not(HasSubstr("runs")));
+  }
+}
+
 TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
   const Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
   const auto commands = gnuplot_of(compare_chosen(from, to), {});

@@ -19,6 +19,7 @@
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "gate/gate.hpp"
 #include "output.hpp"
 #include "terminal.hpp"
 
@@ -100,6 +101,8 @@ int plot(PlotArguments arguments) {
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
+  for (const auto* run : plot::left_out(summaries, plot))
+    Terminal().note(fmt::format("not drawn: {}: {}", gate::name_of(*run), gate::unfit(*run)));
   if (!is_named) Terminal().note("figure: " + arguments.output);
   return 0;
 }

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <set>
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "plot/figures.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -45,11 +47,27 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
   return labels;
 }
 
+// As the tables have it where a run was not measured to its end or as asked: " (NOT APPLIED)"; else empty. Of
+// repetitions the gravest.
+std::string state_of(const Group& runs) {
+  using gate::Flaw;
+  auto worst = Flaw::none;
+  for (const auto* run : runs)
+    if (const auto flaw = gate::flaw_of(*run); flaw != Flaw::imported && flaw != Flaw::worst_only)
+      worst = std::min(worst, flaw);
+  return worst == Flaw::none      ? ""
+         : worst == Flaw::failed  ? " (FAILED)"
+         : worst == Flaw::cut_off ? " (CUT OFF)"
+                                  : " (NOT APPLIED)";
+}
+bool is_flawed(const Summary* run) { return !state_of({run}).empty(); }
+
 }  // namespace
 
 std::vector<std::string> names_of(const Group& group) {
   auto names = names_with(group, within_ids(group, labels_of), labels_of(group));
   tell_apart(names, group);
+  for (std::size_t i = 0; i < group.size(); ++i) names[i] += state_of({group[i]});
   return names;
 }
 
@@ -64,6 +82,7 @@ std::vector<Condition> conditions_of(const Group& group) {
     else
       conditions.push_back({names[i], labels[i], {group[i]}});
   }
+  for (auto& condition : conditions) condition.name += state_of(condition.runs);
   return conditions;
 }
 
@@ -126,8 +145,18 @@ std::string text_of(const Counts& counts) {
                                 : "");
 }
 
+std::vector<const Summary*> left_out(const Summaries& summaries, const Plot& plot) {
+  Group out;
+  if (plot.figure != Plot::Figure::ccdf && plot.figure != Plot::Figure::conditions) return out;
+  for (const auto& condition : conditions_of(last_of(summaries)))
+    if (!std::ranges::all_of(condition.runs, is_flawed))
+      std::ranges::copy_if(condition.runs, std::back_inserter(out), is_flawed);
+  return out;
+}
+
 std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
-  const auto group = last_of(summaries);
+  auto group = last_of(summaries);
+  for (const auto* run : left_out(summaries, plot)) std::erase(group, run);
   switch (plot.figure) {
     case Plot::Figure::ccdf:
       return plot_ccdf(group, plot);
