@@ -365,14 +365,15 @@ class Listening {
   // What came before is in no number.
   std::string text_of_time() const {
     const std::chrono::duration<double> time = listened();  // though the clock may be set meanwhile
-    return fmt::format(
-        "counted  from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s after its start at the "
-        "latest\n",
-        fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count());
+    return labelled(
+        "counted",
+        fmt::format("from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s "
+                    "after its start at the latest",
+                    fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count()));
   }
 
   std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
-    auto text = fmt::format("cost     ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
+    auto text = fmt::format("ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
     if (cost)
       text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",
                           100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
@@ -381,7 +382,7 @@ class Listening {
       text += fmt::format(", {} other calls of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
     if (cost && cost->stepped > 0)
       text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
-    return text + "\n";
+    return labelled("cost", text);
   }
 
   const ListenArguments& arguments_;

@@ -8,6 +8,7 @@
 #include <sys/resource.h>
 
 #include "campaign/campaign.hpp"
+#include "listen_words.hpp"
 #include "output.hpp"
 
 namespace ontime::app {
@@ -76,12 +77,13 @@ void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explaine
 
 std::string ListenBudget::text() const {
   if (!budget_) return "";
-  auto text = fmt::format("budget   {:g} % of one CPU", 100 * share_);
+  auto text = fmt::format("{:g} % of one CPU", 100 * share_);
   if (!measures_probes_) text += ", of ontime alone: the probes' cost is not measured on this machine";
-  if (!dropped_kernel_events_ && budget_->pauses() == 0) return text + ": nothing was left out\n";
+  if (!dropped_kernel_events_ && budget_->pauses() == 0)
+    return labelled("budget", text + ": nothing was left out");
   if (dropped_kernel_events_) text += "; the kernel's events were left out";
   if (const auto pauses = of_pauses(); !pauses.empty()) text += "; " + pauses;
-  return text + "\n";
+  return labelled("budget", text);
 }
 
 std::string ListenBudget::of_pauses() const {

@@ -62,6 +62,11 @@ ordered_json json_of(const std::optional<Value>& value) {
 
 }  // namespace
 
+std::string labelled(const std::string& label, const std::string& text) {
+  constexpr std::size_t width = 80, column = 9;
+  return table::wrapped(text, width, std::string(column, ' ')).replace(0, label.size(), label);
+}
+
 std::string in_ms(std::int64_t ns) {
   const auto ms = static_cast<double>(ns) / 1e6;
   return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
