@@ -310,6 +310,44 @@ TEST_F(Bags, ClockThatWentBackMakesNoTopicSilent) {
   EXPECT_EQ(judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}}).flows.at(0).silent_ns, 0);
 }
 
+TEST_F(Bags, ClockThatWentBackHidesNoTopicThatDied) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/b");
+  for (int i = 0; i < 300; ++i) {
+    const auto at_ns = start + (i < 100 ? 360'000 + i : i) * 10 * ms;  // an hour
+    if (i < 90) records += message(1, {at_ns});
+    records += message(2, {at_ns});
+  }
+  const auto findings = judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}});
+  EXPECT_NEAR(static_cast<double>(findings.flows.at(0).silent_ns), 2.1e9, 0.02e9);
+  EXPECT_EQ(findings.flows.at(1).silent_ns, 0);
+  EXPECT_EQ(findings.flows.at(1).late, 0U);
+  EXPECT_NEAR(findings.flows.at(1).rate_hz(), 100, 1e-6);
+}
+
+// Some writers keep a chunk for each topic: time goes back at each of them.
+TEST_F(Bags, TopicsOneAfterTheOtherAreNoClockThatWasSet) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/b");
+  std::int64_t a = 0, b = 0;
+  for (const auto topic : std::initializer_list<std::uint16_t>{1, 2, 1, 2})
+    for (int i = 0; i < 200; ++i) records += message(topic, {start + ((topic == 1 ? a++ : b++) * 10) * ms});
+  const auto findings = judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}});
+  for (const auto& flow : findings.flows) {
+    EXPECT_EQ(flow.silent_ns, 0);
+    EXPECT_EQ(flow.period.count(), 399U);
+  }
+  EXPECT_TRUE(findings.remarks.empty());
+}
+
+TEST_F(Bags, PauseOfAllTopicsIsSaid) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/b");
+  for (const std::int64_t at_s : {0, 1, 3601, 3602})
+    for (const auto topic : std::initializer_list<std::uint16_t>{1, 2})
+      records += message(topic, {start + at_s * 1000 * ms});
+  const auto findings = judged_mcap(mcap(records), {.deadline = 2s, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(0).late, 1U);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("no topic was recorded for 3600 s:")));
+}
+
 TEST_F(Bags, OneStampOfAnotherClockLeavesTheOrderOfTheOthers) {
   std::string records = schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a");
   for (int i = 0; i < 10; ++i)

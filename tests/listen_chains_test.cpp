@@ -72,7 +72,7 @@ TEST_F(ChainOfThree, MessageUnderWayWhileProbesAreSetIsNotJudged) {
 }
 
 TEST_F(ChainOfThree, MessageThatProbesMayHaveEndedIsNotCounted) {
-  probing.add(0, 5 * ms);
+  probing.add(0, 18 * ms);
   publish(1, 0, 1);  // overwritten while the node was held up
   pass(1, 20);
   EXPECT_THAT(chain.findings().ended, ElementsAre(0, 0, 0, 0, 0));

@@ -163,10 +163,8 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
       const bool is_old = is_end || now - kept.since > named_after;
       if (flow != nullptr && (is_old || has_both_ends(*flow)))
         begin(kept, *flow, key.second);
-      else if (is_old && keeps_worst_)
-        kept_.erase(one);
       else if (is_old)
-        kept.samples.clear();
+        kept_.erase(one);
       if (flow == nullptr || kept.run == 0) continue;
     }
     writer_.append(kept.run, kept.samples);

@@ -76,7 +76,8 @@ Files files_by(const fs::path& metadata) {
     for (const auto& file : about["relative_file_paths"])
       files.paths.push_back((metadata.parent_path() / fs::path(file.as<std::string>()).filename()).string());
     if (const auto silent = silent_in(about["topics_with_message_count"]); !silent.empty())
-      files.remarks.push_back(fmt::format("recorded without any message: {}", silent));
+      files.remarks.push_back(fmt::format(
+          "recorded without any message, and not judged: {}. Name one with --topic to judge it", silent));
     if (about["compression_mode"].as<std::string>("") == "MESSAGE")
       files.remarks.emplace_back("each message is compressed by itself: ages by header.stamp are unknown");
   } catch (const YAML::Exception& error) {

@@ -13,6 +13,10 @@ namespace {
 constexpr std::uint64_t longest_leap = 1 << 20;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
+// Messages of one topic come in order, but for what threads of a recorder mix up: its clock was set back.
+constexpr std::int64_t set_back_ns = 1'000'000'000;
+// Without a message of any topic: worth a remark.
+constexpr std::int64_t long_pause_ns = 10'000'000'000;
 
 // Of a writer that came back to where it was; a greater loss is rare.
 constexpr std::uint64_t longest_loss = 16;
@@ -46,18 +50,30 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
 }
 
 void Judge::add(const Message& message) {
+  const auto step_ns = message.recorded_ns - std::exchange(before_ns_, message.recorded_ns);
   // A robot without a battery for its clock starts in 1970, until the network tells the time.
-  if (std::abs(message.recorded_ns - before_ns_) > one_year_ns)
-    origin_ns_ += message.recorded_ns - before_ns_;
-  before_ns_ = message.recorded_ns;
+  if (std::abs(step_ns) > one_year_ns) {
+    origin_ns_ += step_ns;
+    ++times_set_;
+  } else if (step_ns > long_pause_ns && streams_.size() > 1) {
+    ++pauses_;
+    longest_pause_ns_ = std::max(longest_pause_ns_, step_ns);
+  }
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
-  if (stream->messages == 0) stream->first_ns = message.recorded_ns;
+  if (stream->messages > 0 && stream->times_set == times_set_ && stream->in_file > 1 &&
+      at_ns(message) < stream->last_ns - set_back_ns) {
+    origin_ns_ = message.recorded_ns - until_ns_;
+    ++times_set_;
+  }
+  until_ns_ = std::max(until_ns_, at_ns(message));
+  if (stream->messages == 0) stream->first_ns = at_ns(message);
   const bool came_late = stream->messages > 0 && judge_period(*stream, message);
   const bool was_old = judge_age(*stream, message);
   stream->late += came_late || was_old ? 1 : 0;
   ++stream->messages;
-  stream->last_ns = message.recorded_ns;
+  stream->last_ns = at_ns(message);
+  stream->times_set = times_set_;
 }
 
 void Judge::end_file() {
@@ -137,16 +153,15 @@ bool Judge::is_again(Stream& stream, const Message& message) {
 }
 
 bool Judge::judge_period(Stream& stream, const Message& message) {
-  const auto gap = message.recorded_ns - stream.last_ns;
-  if (gap < 0 || gap > one_year_ns) {
+  const auto gap = at_ns(message) - stream.last_ns;
+  if (gap < 0 || stream.times_set != times_set_) {
     was_set_.add(message.topic->name);
     return false;
   }
   stream.period.add(gap);
   const bool is_late = limits_.is_gap(gap);
   if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
-  stream.rows.period(keep_row_, stream.id, stream.last_ns - origin_ns_, message.recorded_ns - origin_ns_,
-                     is_late);
+  stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
   return is_late;
 }
 
@@ -167,7 +182,7 @@ void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns
   // Numbers that begin again, as a recorder's own do in each file, are those of other messages.
   const bool begins_again = number <= before && !stream.sequence.has_begun();
   if (begins_again || number > before + longest_leap) stream.rows.restart();
-  const auto to_ns = message.recorded_ns - origin_ns_;
+  const auto to_ns = at_ns(message);
   stream.rows.age(keep_row_,
                   {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late}, number,
                   [&](std::uint64_t other) { return stream.sequence.is_missing(other) ? to_ns : 0; });
@@ -229,7 +244,7 @@ listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
   for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
-  listen::judge_silence(findings.flows, limits_, before_ns_);
+  listen::judge_silence(findings.flows, limits_, until_ns_);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(
@@ -242,8 +257,15 @@ listen::Findings Judge::findings() const {
   remark(ahead_,
          "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
   remark(was_set_,
-         "were recorded before the one before them, or more than a year after it: the recorder's clock was "
-         "set, and no period is counted there");
+         "are the first of their topic after the recorder's clock was set, or not in order: no period is "
+         "counted there");
+  if (pauses_ > 0)
+    findings.remarks.push_back(
+        fmt::format("no topic was recorded for {:.0f} s{}: the recorder was paused, its clock was set "
+                    "forward, or nothing "
+                    "was sent. The gaps there count",
+                    static_cast<double>(longest_pause_ns_) / 1e9,
+                    pauses_ == 1 ? "" : fmt::format(", and {} more times for 10 s or longer", pauses_ - 1)));
   if (mixed_.messages > 0)
     findings.remarks.push_back(fmt::format(
         "the numbers of several writers are mixed in {}{}: what is lost there is unknown", mixed_.topic,

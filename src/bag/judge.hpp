@@ -38,12 +38,13 @@ class Judge {
   struct Stream {
     std::uint64_t id = 0;
     std::uint64_t messages = 0;
-    std::int64_t first_ns = 0, last_ns = 0;
-    std::int64_t latest_written_ns = 0;    // by stamp or publish time
-    std::uint64_t in_file = 0;             // messages, of the file that is read
-    std::uint64_t number_before = 0;       // of the message before; 0: not noted
-    listen::Sequence sequence;             // begun once the numbers are known to be the writer's
-    std::vector<std::int64_t> written_ns;  // of the latest numbers, by number modulo window; 0: unknown
+    std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
+    std::uint64_t times_set = 0;             // until its last message
+    std::int64_t latest_written_ns = 0;      // by stamp or publish time
+    std::uint64_t in_file = 0;               // messages, of the file that is read
+    std::uint64_t number_before = 0;         // of the message before; 0: not noted
+    listen::Sequence sequence;               // begun once the numbers are known to be the writer's
+    std::vector<std::int64_t> written_ns;    // of the latest numbers, by number modulo window; 0: unknown
     Back back;
     std::uint64_t left_at = 0;  // the next number when the numbers last began anew; 0: they did not
     bool is_mixed = false;      // of several writers: the numbers tell nothing
@@ -61,6 +62,8 @@ class Judge {
       if (messages++ == 0) topic = name;
     }
   };
+  // When it was recorded, on a time that goes on where the recorder's clock was set.
+  std::int64_t at_ns(const Message& message) const { return message.recorded_ns - origin_ns_; }
   Stream* stream_of(const Topic&);
   bool is_of_file(const Stream&, std::uint64_t number);
   bool is_again(Stream&, const Message&);
@@ -84,7 +87,11 @@ class Judge {
   listen::Misses misses_;
   listen::KeepRow keep_row_;
   std::int64_t before_ns_ = rows_begin_ns;  // when the message before was recorded
-  std::int64_t origin_ns_ = 0;              // of rows' times
+  std::int64_t origin_ns_ = 0;              // of at_ns()
+  std::int64_t until_ns_ = 0;               // the latest at_ns()
+  std::uint64_t times_set_ = 0;             // the recorder's clock
+  std::uint64_t pauses_ = 0;                // of all topics
+  std::int64_t longest_pause_ns_ = 0;
   std::uint64_t left_out_ = 0;
   Oddity unset_, foreign_clock_, ahead_, was_set_, mixed_;
 };

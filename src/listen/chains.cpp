@@ -51,21 +51,24 @@ void ChainFollower::published(const Message& message) {
   if (hand == nullptr || !hand->journey) return remember(message, {});
   auto journey = *hand->journey;
   journey.at_ns[2 * *topic] = message.at_ns;
-  reach(journey.origin, 2 * *topic);
+  reach(journey, 2 * *topic);
   remember(message, journey);
 }
 
 ChainFollower::Journey ChainFollower::begin(const Message& message) {
   if (origins_.size() == most_begun) {
-    const auto oldest = origins_.front().stage;
-    if (furthest_ > oldest && is_clear(origins_.front())) ++found_.ended[oldest];
-    furthest_ = std::max(furthest_, oldest);
+    const auto& oldest = origins_.front();
+    const auto next =
+        std::ranges::find_if(origins_, [&](const Origin& one) { return one.stage > oldest.stage; });
+    const auto next_ns = next == origins_.end() ? now_ns_ : next->at_ns[oldest.stage + 1U];
+    if (furthest_ > oldest.stage && is_clear(oldest, next_ns)) ++found_.ended[oldest.stage];
+    furthest_ = std::max(furthest_, oldest.stage);
     origins_.pop_front();
     ++first_origin_;
   }
   ++found_.begun;
   if (waiting_since_ns_ == 0) waiting_since_ns_ = message.at_ns;
-  origins_.push_back({.at_ns = message.at_ns});
+  origins_.push_back({.at_ns = {message.at_ns}});
   Journey journey;
   journey.origin = first_origin_ + origins_.size() - 1;
   journey.at_ns[0] = message.at_ns;
@@ -166,7 +169,7 @@ void ChainFollower::taken(const Message& message) {
     hand.journey = *from.journey;
     hand.journey->at_ns[2 * *topic + 1] = message.at_ns;
     hand.journey->processes[*topic + 1] = message.process;
-    if (continues(*topic, message.process)) reach(hand.journey->origin, 2 * *topic + 1);
+    if (continues(*topic, message.process)) reach(*hand.journey, 2 * *topic + 1);
   }
   if (*topic + 1 == wish_.steps.size()) {
     if (hand.journey) arrive(*hand.journey);
@@ -183,10 +186,13 @@ void ChainFollower::taken(const Message& message) {
   }
 }
 
-void ChainFollower::reach(std::uint64_t origin, std::size_t stage) {
-  if (origin < first_origin_) return;
-  auto& reached = origins_[origin - first_origin_].stage;
-  reached = std::max(reached, static_cast<Stage>(stage));
+void ChainFollower::reach(const Journey& journey, std::size_t stage) {
+  if (journey.origin < first_origin_) return;
+  auto& origin = origins_[journey.origin - first_origin_];
+  if (stage <= origin.stage) return;
+  origin.stage = static_cast<Stage>(stage);
+  // By another way its first steps may have been others.
+  std::copy_n(journey.at_ns.begin(), stage + 1, origin.at_ns.begin());
 }
 
 void ChainFollower::arrive(const Journey& journey) {
@@ -287,18 +293,22 @@ void ChainFollower::retire(std::uint32_t process) {
 }
 
 ChainFollower::Ended ChainFollower::ended() const {
-  // Backwards: how far any later one came.
-  std::vector<Stage> later(origins_.size() + 1);
-  for (auto i = origins_.size(); i > 0; --i) later[i - 1] = std::max(later[i], origins_[i - 1].stage);
+  // How far any one before came.
+  std::vector<Stage> before;
+  for (auto furthest = furthest_; const auto& origin : origins_) {
+    before.push_back(furthest);
+    furthest = std::max(furthest, origin.stage);
+  }
   auto ended = found_.ended;
-  auto furthest = furthest_;
-  for (std::size_t i = 0; i < origins_.size(); ++i) {
-    const auto& origin = origins_[i];
+  std::array<std::int64_t, most_stages> later_ns{};  // by stage: when a later one came further; 0: none did
+  for (auto i = origins_.size(); i > 0; --i) {
+    const auto& origin = origins_[i - 1];
     const auto stage = origin.stage;
-    if (furthest > stage && (later[i + 1] > stage || now_ns_ - origin.at_ns > under_way_ns) &&
-        is_clear(origin))
+    const auto next_ns = later_ns[stage];
+    if (before[i - 1] > stage && (next_ns != 0 || now_ns_ - origin.at_ns[0] > under_way_ns) &&
+        is_clear(origin, next_ns != 0 ? next_ns : now_ns_))
       ++ended[stage];
-    furthest = std::max(furthest, stage);
+    std::copy_n(origin.at_ns.begin() + 1, stage, later_ns.begin());
   }
   return ended;
 }

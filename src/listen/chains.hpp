@@ -85,7 +85,7 @@ class ChainFollower {
     std::deque<Sent> messages;  // by number
   };
   struct Origin {
-    std::int64_t at_ns = 0;
+    std::array<std::int64_t, most_stages> at_ns{};  // by stage
     Stage stage = 0;
     bool is_unclear = false;  // which way it went on is not known
   };
@@ -108,14 +108,15 @@ class ChainFollower {
   Origins find(const Message&, std::size_t topic);
   void note(std::uint32_t thread);
   void end_call(std::uint32_t thread, std::int64_t at_ns);
-  void reach(std::uint64_t origin, std::size_t stage);
+  void reach(const Journey&, std::size_t stage);
   void arrive(const Journey&);
   Path* path_of(const Journey&);
   bool make_room_for_path();
   void forget_under_way();
-  // How far it came is known, and ontime is not why it was not taken.
-  bool is_clear(const Origin& origin) const {
-    return !origin.is_unclear && (origin.stage % 2 != 0 || !probing_.has(origin.at_ns));
+  // How far it came is known, and ontime is not why it was not taken until the next one was, at that time.
+  bool is_clear(const Origin& origin, std::int64_t next_ns) const {
+    return !origin.is_unclear &&
+           (origin.stage % 2 != 0 || !probing_.is_most_of(origin.at_ns[origin.stage], next_ns));
   }
   Ended ended() const;
   std::int64_t silent_ns() const;

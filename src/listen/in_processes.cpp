@@ -14,6 +14,8 @@
 #include <bpf/libbpf.h>
 #include <cxxabi.h>
 #include <fmt/format.h>
+#include <poll.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include "listen/cost.hpp"
@@ -32,11 +34,13 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto look_every = 1s;
-constexpr std::size_t most_remarks = 32, most_handles = 1024;  // the latter of a process
+constexpr std::size_t most_remarks = 32, most_handles = 1024;  // the latter without a name, of a process
 // So much a clock moves only when it is set; what disciplines it changes it by less than a thousandth.
-constexpr std::int64_t least_set_ns = 1'000'000;
-// So long the next call with a handle is waited for.
-constexpr std::int64_t find_names_for_ns = 60'000'000'000;
+constexpr std::int64_t least_set_ns = 1'000'000, most_interrupted_ns = 1'000'000'000;
+// After so many messages of a handle its name cannot be found.
+constexpr std::uint64_t most_messages_without_name = 1000;
+// A process that publishes without end would keep this one reading.
+constexpr std::int64_t longest_read_ns = 200'000'000;
 constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later one is no time; the year 2116
 
 std::string reason(int error) { return std::generic_category().message(error); }
@@ -59,6 +63,12 @@ class InProcesses final : public Sensor {
         messages_(limits, std::move(chains)),
         probes_(nullptr, probes_bpf__destroy) {
     libbpf_set_print(nullptr);
+    // Each probe is a file, and each library while probes are set.
+    rlimit files{};
+    if (getrlimit(RLIMIT_NOFILE, &files) == 0) {
+      files.rlim_cur = files.rlim_max;
+      setrlimit(RLIMIT_NOFILE, &files);
+    }
     probes_.reset(probes_bpf__open_and_load());
     if (!probes_) {
       const int error = errno;
@@ -74,14 +84,15 @@ class InProcesses final : public Sensor {
     ring_.reset(ring_buffer__new(
         bpf_map__fd(probes_->maps.events),
         [](void* self, void* data, std::size_t size) {
-          static_cast<InProcesses*>(self)->take(data, size);
-          return 0;
+          auto& sensor = *static_cast<InProcesses*>(self);
+          sensor.take(data, size);
+          return now_ns() < sensor.read_until_ns_ ? 0 : -1;
         },
         this, nullptr));
     if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
     const auto& programs = probes_->progs;
     costs_ = measure_probe_costs(programs.publish, programs.rmw_take, programs.rmw_taken);
-    ring_buffer__consume(ring_.get());
+    read();
     counted_before_ = calls();
   }
 
@@ -97,7 +108,6 @@ class InProcesses final : public Sensor {
         look_at_ = now + look_every;
         change = processes_.look();
       }
-      follow_clock();
       read();
       if (change) follow(*change, now_ns());
       // The probes wake no reader: that would cost the thread that publishes.
@@ -113,6 +123,12 @@ class InProcesses final : public Sensor {
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
+    if (clock_was_set_ > 0)
+      findings.remarks.push_back(
+          fmt::format("the clock was set, or the machine slept, {} times, by {:.3f} s at the last: no age, "
+                      "loss or period is "
+                      "known across it",
+                      clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
     return findings;
   }
 
@@ -137,7 +153,7 @@ class InProcesses final : public Sensor {
   }
 
   void pause() override {
-    ring_buffer__consume(ring_.get());
+    read();
     is_paused_ = true;
     paused_ns_ = now_ns();
     shared_.clear();
@@ -145,16 +161,15 @@ class InProcesses final : public Sensor {
     for (auto& [id, own] : of_process_) {
       own.links.clear();
       own.finder.clear();
-      for (const auto handle : own.unnamed) own.seen.erase(handle);  // looked for again by its next message
-      own.unnamed.clear();
+      own.unnamed.clear();  // their next messages look for them again
     }
-    ring_buffer__consume(ring_.get());
+    read();
   }
 
   void resume() override {
     processes_.look_again();
     follow(processes_.look(), now_ns());
-    ring_buffer__consume(ring_.get());  // seen while some probes were not set yet
+    read();  // seen while some probes were not set yet
     is_paused_ = false;
     resumed_ns_ = now_ns();
     messages_.interrupt(resumed_ns_);
@@ -162,9 +177,13 @@ class InProcesses final : public Sensor {
 
  private:
   void read() {
+    follow_clock();
     const auto from_ns = now_ns();
+    read_until_ns_ = from_ns + longest_read_ns;
     ring_buffer__consume(ring_.get());
-    read_ns_ = from_ns;
+    // More is there: it came too fast, or the kernel holds back one event that is not complete.
+    pollfd ring{.fd = bpf_map__fd(probes_->maps.events), .events = POLLIN, .revents = 0};
+    read_ns_ = poll(&ring, 1, 0) > 0 ? std::max(read_ns_, latest_ns_) : from_ns;
   }
 
   // The stamps of messages that are under way when the clock is set say nothing.
@@ -172,9 +191,10 @@ class InProcesses final : public Sensor {
     const auto ahead_ns = machine::realtime_offset_ns(), at_ns = now_ns();
     const auto set_by_ns = ahead_ns - realtime_ahead_ns_;
     if (std::abs(set_by_ns) > least_set_ns + (at_ns - clock_read_ns_) / 1000) {
-      remark(fmt::format("the clock was set by {:.3f} s: the ages of messages under way are not known",
-                         static_cast<double>(set_by_ns) / 1e9));
-      messages_.interrupt(at_ns);
+      ++clock_was_set_;
+      clock_was_set_by_ns_ = set_by_ns;
+      // Set back, an earlier stamp looks later.
+      messages_.interrupt(at_ns + std::clamp<std::int64_t>(-set_by_ns, 0, most_interrupted_ns));
     }
     realtime_ahead_ns_ = ahead_ns;
     clock_read_ns_ = at_ns;
@@ -217,8 +237,8 @@ class InProcesses final : public Sensor {
       }
     }
     for (auto& [id, own] : of_process_) {
-      if (now_ns - own.finder_since_ns > find_names_for_ns) own.unnamed.clear();
-      if (own.unnamed.empty()) remove(own.finder);
+      const auto is_waited_for = [](const auto& one) { return one.second < most_messages_without_name; };
+      if (std::ranges::none_of(own.unnamed, is_waited_for)) remove(own.finder);
     }
   }
 
@@ -354,6 +374,7 @@ class InProcesses final : public Sensor {
     ontime_event event;
     if (size < sizeof event) return;
     std::memcpy(&event, data, sizeof event);
+    latest_ns_ = std::max(latest_ns_, static_cast<std::int64_t>(event.at_ns));
     if (event.process == own_process_) return;
     if (event.is_below_rmw != 0 && ros_.contains(event.process)) return;  // its rmw told of the message
     if (event.kind == ontime_named) {
@@ -389,11 +410,16 @@ class InProcesses final : public Sensor {
     const auto found = of_process_.find(event.process);
     if (found == of_process_.end()) return;
     auto& own = found->second;
-    if (!own.offset_of_name || own.seen.size() >= most_handles || !own.seen.insert(event.endpoint).second)
+    if (const auto unnamed = own.unnamed.find(event.endpoint); unnamed != own.unnamed.end()) {
+      ++unnamed->second;
       return;
-    own.unnamed.insert(event.endpoint);
-    own.finder_since_ns = now_ns();
-    if (!own.finder.empty()) return;
+    }
+    if (!own.offset_of_name || messages_.has_name(event.process, event.endpoint)) return;
+    if (own.unnamed.size() == most_handles)
+      return remark(
+          fmt::format("process {}: of more than {} topics no name was found", event.process, most_handles));
+    own.unnamed.emplace(event.endpoint, 0);
+    if (!own.finder.empty() || !own.can_find) return;
     // Each call that has a handle ends so. Of a writer and a reader the first member behind what all entities
     // have is the topic, which has its name there.
     set(own.library, static_cast<pid_t>(event.process), own.finder,
@@ -401,13 +427,12 @@ class InProcesses final : public Sensor {
           .on_call = probes_->progs.dds_entity_left,
           .cookie = ontime_cookie_is_below_rmw | *own.offset_of_name << ontime_cookie_topic |
                     *own.offset_of_name << ontime_cookie_name}});
+    own.can_find = !own.finder.empty();
   }
 
   void name(const ontime_event& event, const std::string& topic) {
-    if (const auto own = of_process_.find(event.process); own != of_process_.end() && event.is_handle != 0) {
+    if (const auto own = of_process_.find(event.process); own != of_process_.end())
       own->second.unnamed.erase(event.endpoint);
-      if (own->second.seen.size() < most_handles) own->second.seen.insert(event.endpoint);
-    }
     if (!topic.empty() && std::all_of(topic.begin(), topic.end(), [](char c) { return c > ' ' && c < 127; }))
       messages_.name_topic(event.process, event.endpoint, ros_name(topic));
   }
@@ -422,8 +447,8 @@ class InProcesses final : public Sensor {
     Mapping library;
     std::optional<std::uint64_t> offset_of_name;
     std::vector<Link> finder;
-    std::int64_t finder_since_ns = 0;       // the latest handle without a name was seen
-    std::set<std::uint64_t> seen, unnamed;  // handles
+    bool can_find = true;                            // false: it could not be set
+    std::map<std::uint64_t, std::uint64_t> unnamed;  // handles, and how many messages they had meanwhile
   };
 
   const Limits limits_;
@@ -442,7 +467,10 @@ class InProcesses final : public Sensor {
   std::set<std::string> remarks_;
   std::chrono::steady_clock::time_point look_at_;
   std::int64_t realtime_ahead_ns_ = machine::realtime_offset_ns(), clock_read_ns_ = now_ns();
-  std::int64_t read_ns_ = now_ns();  // all events until then were read
+  std::uint64_t clock_was_set_ = 0;
+  std::int64_t clock_was_set_by_ns_ = 0;
+  std::int64_t read_ns_ = now_ns();                 // all events until then were read
+  std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to leave off; the latest event's time
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;

@@ -16,13 +16,14 @@
 namespace ontime::listen {
 namespace {
 
-constexpr std::size_t most_code_bytes = 64 << 10;
+// A process may map any file by a middleware's name.
+constexpr std::size_t most_code_bytes = 64 << 10, most_bytes_of_all = 4 << 20;
 constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
 constexpr std::uint64_t most_section_bytes = 64 << 20;
 constexpr std::size_t longest_instruction = 15;
 
 struct Descriptor {
-  explicit Descriptor(const std::string& path) : fd(open(path.c_str(), O_RDONLY | O_CLOEXEC)) {}
+  explicit Descriptor(const std::string& path) : fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {}
   ~Descriptor() {
     if (fd >= 0) close(fd);
   }
@@ -87,17 +88,21 @@ constexpr GElf_Half machine = EM_AARCH64;
 
 Library::Library(const std::string& path) {
   const Descriptor file(path);
-  if (file.fd < 0)
-    throw Error(fmt::format("{} cannot be read: {}", path, std::generic_category().message(errno)));
+  if (file.fd < 0) throw Error(fmt::format("it cannot be read: {}", std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
   const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);
   GElf_Ehdr header;
   if (!elf || gelf_getehdr(elf.get(), &header) == nullptr || header.e_machine != machine)
-    throw Error(fmt::format("{} is not a library of this machine's architecture", path));
+    throw Error("it is not a library of this machine's architecture");
+  std::size_t bytes_of_all = 0;
   for (Elf_Scn* section = nullptr; (section = elf_nextscn(elf.get(), section)) != nullptr;) {
     GElf_Shdr shape;
     if (gelf_getshdr(section, &shape) == nullptr || shape.sh_type != SHT_DYNSYM || shape.sh_entsize == 0 ||
         shape.sh_size > most_section_bytes)
+      continue;
+    GElf_Shdr names;
+    if (gelf_getshdr(elf_getscn(elf.get(), shape.sh_link), &names) == nullptr ||
+        names.sh_size > most_section_bytes)
       continue;
     Elf_Data* const data = elf_getdata(section, nullptr);
     const auto count = std::min<std::uint64_t>(shape.sh_size / shape.sh_entsize, most_symbols);
@@ -108,11 +113,14 @@ Library::Library(const std::string& path) {
       const char* const name = elf_strptr(elf.get(), shape.sh_link, symbol.st_name);
       const auto offset = offset_of(elf.get(), symbol.st_value);
       if (name == nullptr || !is_wanted(name) || !offset) continue;
+      const auto size = std::min<std::size_t>(symbol.st_size, most_code_bytes);
+      if (bytes_of_all + size > most_bytes_of_all) break;
+      bytes_of_all += size;
       Function function;
       function.name = name;
       function.address = symbol.st_value;
       function.offset = *offset;
-      function.bytes = bytes_at(file.fd, *offset, std::min<std::size_t>(symbol.st_size, most_code_bytes));
+      function.bytes = bytes_at(file.fd, *offset, size);
       function.is_whole = function.bytes.size() == symbol.st_size;
       if (const auto callee = exit_of(function.code()).callee)
         if (const auto at = offset_of(elf.get(), *callee))
@@ -120,6 +128,7 @@ Library::Library(const std::string& path) {
             function.cheap_callee = *at;
       functions_.push_back(std::move(function));
     }
+    break;  // a library has one such table
   }
 }
 

@@ -58,6 +58,9 @@ class Messages {
   // Of processes that ended long before that, only the flows stay.
   void retire_ended(std::int64_t now_ns);
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
+  bool has_name(std::uint32_t process, std::uint64_t endpoint) const {
+    return topics_.contains({process, endpoint});
+  }
   // In order of time, but for a few microseconds.
   void add(Observation);
   // Until then some were not observed: nothing counts across that time, and of one published in it nothing is

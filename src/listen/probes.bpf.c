@@ -42,7 +42,7 @@ struct endpoint {
   __u64 process;
 };
 
-// The address of the topic's name, of those endpoints that user space knows.
+// The topic's name, as name_object() puts it in a number, of those endpoints that user space knows.
 struct {
   __uint(type, BPF_MAP_TYPE_LRU_HASH);
   __uint(max_entries, 16384);
@@ -87,7 +87,9 @@ static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint, __
   return event;
 }
 
-// By the way that the cookie tells, which begins at the endpoint's object.
+// By the way that the cookie tells, which begins at the endpoint's object. What is not in memory now, a probe
+// may not wait for: the next message tries again. User space may not either, for it is the process that says
+// when such a wait ends (userfaultfd, FUSE).
 static __always_inline void name_object(__u64 object, __u64 endpoint, __u64 cookie) {
   const struct endpoint key = {.address = endpoint, .process = bpf_get_current_pid_tgid() >> 32};
   const __u64 in_endpoint = cookie >> ontime_cookie_topic & 0xffff;
@@ -95,18 +97,21 @@ static __always_inline void name_object(__u64 object, __u64 endpoint, __u64 cook
   __u64 topic = 0;
   if (!in_endpoint || bpf_probe_read_user(&topic, sizeof topic, (void*)(object + in_endpoint)) != 0) return;
   if (in_topic && bpf_probe_read_user(&topic, sizeof topic, (void*)(topic + in_topic)) != 0) return;
+  // Another endpoint may get the same memory, and its topic's name too.
+  __u64 begin[8] = {}, number = topic;
+  if (bpf_probe_read_user_str(begin, sizeof begin, (void*)topic) <= 0) return;
+#pragma unroll
+  for (int i = 0; i < 8; ++i) number = number * 0x9e3779b97f4a7c15 + begin[i];
   const __u64* const known = bpf_map_lookup_elem(&named, &key);
-  if (known && *known == topic) return;
+  if (known && *known == number) return;
   struct ontime_name_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
   if (!event) return;  // the next message tries again
   fill(&event->event, ontime_named, endpoint, cookie);
-  // What is not in memory now, a probe may not wait for: the next message tries again. User space may not
-  // either, for it is the process that says when such a wait ends (userfaultfd, FUSE).
   if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) {
     bpf_ringbuf_discard(event, BPF_RB_NO_WAKEUP);
     return;
   }
-  bpf_map_update_elem(&named, &key, &topic, BPF_ANY);
+  bpf_map_update_elem(&named, &key, &number, BPF_ANY);
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
 }
 

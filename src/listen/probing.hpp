@@ -28,7 +28,6 @@ class Probing {
     if (is_beyond(all_ns - own_ns)) return Verdict::late;
     return own_ns > 0 && (is_beyond(all_ns) || 2 * own_ns >= all_ns) ? Verdict::not_judged : Verdict::on_time;
   }
-  bool has(std::int64_t at_ns) const { return within(at_ns, at_ns + 1) > 0; }
   // Of the time in which a message was lost.
   bool is_most_of(std::int64_t from_ns, std::int64_t to_ns) const {
     return judge(from_ns, to_ns, [](std::int64_t) { return false; }) == Verdict::not_judged;

@@ -22,6 +22,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto longest_pause = 10s;
+constexpr std::size_t most_files = 64;  // of a process
 
 std::optional<Middleware> middleware_of(std::string_view library) {
   if (library.starts_with("librmw_") && library.find("_cpp.so") != library.npos) return Middleware::rmw;
@@ -33,21 +34,24 @@ std::optional<Middleware> middleware_of(std::string_view library) {
   return {};
 }
 
-// And what the process's maps do not tell, or tell otherwise than stat() does (Btrfs). False: it is gone, or
-// no file.
-bool open_file(Mapping& mapping) {
-  const int opened = open(mapping.path.c_str(), O_PATH | O_CLOEXEC);
-  if (opened < 0) return false;
-  mapping.descriptor = {new int(opened), [](const int* descriptor) {
-                          close(*descriptor);
-                          delete descriptor;
-                        }};
-  mapping.path = fmt::format("/proc/self/fd/{}", opened);
+using OpenFile = std::shared_ptr<const int>;
+using Opened = std::map<std::pair<std::uint64_t, std::uint64_t>, OpenFile>;  // by device and inode
+
+// And what the process's maps do not tell, or tell otherwise than stat() does (Btrfs). What many processes
+// map is opened once. False: it is gone, or no file.
+bool open_file(Mapping& mapping, Opened& all) {
+  OpenFile opened(new int(open(mapping.path.c_str(), O_PATH | O_CLOEXEC)), [](const int* descriptor) {
+    if (*descriptor >= 0) close(*descriptor);
+    delete descriptor;
+  });
   struct stat file {};
   struct statfs system {};
-  if (fstat(opened, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(opened, &system) != 0) return false;
+  if (*opened < 0 || fstat(*opened, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(*opened, &system) != 0)
+    return false;
   mapping.file = {file.st_dev, file.st_ino};
   mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
+  mapping.descriptor = all.try_emplace(mapping.file, std::move(opened)).first->second;
+  mapping.path = fmt::format("/proc/self/fd/{}", *mapping.descriptor);
   return true;
 }
 
@@ -104,6 +108,7 @@ Processes::Change Processes::look() {
   Change change;
   const auto now = std::chrono::steady_clock::now();
   std::set<std::uint32_t> present;
+  Opened opened;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator("/proc", error)) {
     const auto text = entry.path().filename().string();
@@ -111,6 +116,7 @@ Processes::Change Processes::look() {
     if (const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), id);
         wrong != std::errc{} || *end != '\0')
       continue;
+    present.insert(id);  // one that has ended since is gone at the next look
     const auto started = start_of(id);
     if (started == 0) continue;
     auto& known = known_[id];
@@ -118,7 +124,6 @@ Processes::Change Processes::look() {
       if (known.started != 0) change.gone.push_back(id);
       known = {.started = started, .first = {}, .again = {}, .files = {}};
     }
-    present.insert(id);
     if (now < known.again) continue;
     if (known.first == std::chrono::steady_clock::time_point()) known.first = now;
     // A process loads most of its libraries soon after it starts.
@@ -127,14 +132,14 @@ Processes::Change Processes::look() {
     Process process{.id = id, .name = process_name(id), .libraries = {}};
     for (std::string line; std::getline(maps, line);) {
       auto mapping = mapping_of(line, id);
-      if (!mapping || !open_file(*mapping)) continue;
+      if (!mapping || known.files.size() == most_files || !open_file(*mapping, opened)) continue;
       if (std::find(known.files.begin(), known.files.end(), mapping->file) != known.files.end()) continue;
       known.files.push_back(mapping->file);
       process.libraries.push_back(*mapping);
     }
     if (!process.libraries.empty()) change.came.push_back(std::move(process));
   }
-  if (error) return change;  // too many files are open: who has ended is not known
+  if (error) return change;  // who has ended is not known
   std::erase_if(known_, [&](const auto& one) {
     if (present.contains(one.first)) return false;
     change.gone.push_back(one.first);
