@@ -280,7 +280,7 @@ class InProcesses final : public Sensor {
                       library.name, process.id));
       return;
     }
-    if (!wishes->knows_topics) remark_unnamed(process, library);
+    if (!wishes->knows_topics) remark_unnamed(process.id, library);
     probe(process, library, *wishes);
   }
 
@@ -290,14 +290,14 @@ class InProcesses final : public Sensor {
     probe(process, library, cyclonedds_wishes(*probes_));
     try {
       own.offset_of_name = offset_of_topic_name(Library(library.path).code("dds_get_name"));
-      if (!own.offset_of_name) remark_unnamed(process, library);
+      if (!own.offset_of_name) remark_unnamed(process.id, library);
     } catch (const Error&) {  // said where probes are set
     }
   }
 
-  void remark_unnamed(const Process& process, const Mapping& library) {
+  void remark_unnamed(std::uint32_t process, const Mapping& library) {
     remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
-                       process.id));
+                       process));
   }
 
   static std::int64_t now_ns() {
@@ -411,7 +411,9 @@ class InProcesses final : public Sensor {
     if (found == of_process_.end()) return;
     auto& own = found->second;
     if (const auto unnamed = own.unnamed.find(event.endpoint); unnamed != own.unnamed.end()) {
-      ++unnamed->second;
+      const bool could_be_found = static_cast<std::int64_t>(event.at_ns) > own.finder_since_ns;
+      if (could_be_found && ++unnamed->second == most_messages_without_name)
+        remark_unnamed(event.process, own.library);
       return;
     }
     if (!own.offset_of_name || messages_.has_name(event.process, event.endpoint)) return;
@@ -427,7 +429,9 @@ class InProcesses final : public Sensor {
           .on_call = probes_->progs.dds_entity_left,
           .cookie = ontime_cookie_is_below_rmw | *own.offset_of_name << ontime_cookie_topic |
                     *own.offset_of_name << ontime_cookie_name}});
+    own.finder_since_ns = now_ns();
     own.can_find = !own.finder.empty();
+    if (!own.can_find) remark_unnamed(event.process, own.library);
   }
 
   void name(const ontime_event& event, const std::string& topic) {
@@ -447,8 +451,9 @@ class InProcesses final : public Sensor {
     Mapping library;
     std::optional<std::uint64_t> offset_of_name;
     std::vector<Link> finder;
-    bool can_find = true;                            // false: it could not be set
-    std::map<std::uint64_t, std::uint64_t> unnamed;  // handles, and how many messages they had meanwhile
+    bool can_find = true;  // false: it could not be set
+    std::int64_t finder_since_ns = 0;
+    std::map<std::uint64_t, std::uint64_t> unnamed;  // handles, and how many messages they had since then
   };
 
   const Limits limits_;
