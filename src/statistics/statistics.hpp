@@ -69,7 +69,7 @@ struct Worst {
 struct Shape {
   Histogram round_trip, response;
   std::vector<Ranked> round_trip_ranks, response_ranks;
-  std::int64_t slice_ns = 0;  // how long a slice is; the last takes in all that came later
+  std::int64_t slice_ns = 0;  // how long a slice is; longer in a run that is longer than it said
   std::vector<Slice> slices;  // from the first message on; at most 2,000
   std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
 };
