@@ -124,11 +124,10 @@ class InProcesses final : public Sensor {
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
     if (clock_was_set_ > 0)
-      findings.remarks.push_back(
-          fmt::format("the clock was set, or the machine slept, {} times, by {:.3f} s at the last: no age, "
-                      "loss or period is "
-                      "known across it",
-                      clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
+      findings.remarks.push_back(fmt::format(
+          "the clock was set, or the machine slept, {} times, by {:.3f} s at the last. Nothing is "
+          "judged across that",
+          clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
     return findings;
   }
 
