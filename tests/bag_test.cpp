@@ -324,6 +324,15 @@ TEST_F(Bags, ClockThatWentBackHidesNoTopicThatDied) {
   EXPECT_NEAR(findings.flows.at(1).rate_hz(), 100, 1e-6);
 }
 
+TEST_F(Bags, ClockThatWentBackLeavesMessagesInOrder) {
+  std::string records = channel(1, 0, "/a");
+  for (int i = 0; i < 300; ++i) {
+    const auto at_ns = start + (i < 100 ? 360'000 + i : i) * 10 * ms;
+    records += message(1, {at_ns, at_ns - 2 * ms});
+  }
+  EXPECT_LE(judged_mcap(mcap(records)).flows.at(0).reordered, 1U);
+}
+
 // Some writers keep a chunk for each topic: time goes back at each of them.
 TEST_F(Bags, TopicsOneAfterTheOtherAreNoClockThatWasSet) {
   std::string records = channel(1, 0, "/a") + channel(2, 0, "/b");

@@ -99,6 +99,17 @@ TEST_F(LateMessage, ReaderBehindAnotherThreadNamesIt) {
   EXPECT_THAT(found.fix, HasSubstr("chrt -a -f -p 51 2)")) << "above the real-time priority of the other";
 }
 
+TEST_F(LateMessage, TopicThatIsSlowerThanItsLimitAccusesNothing) {
+  switched(published + 40 * ms - 100 * us, 0, 0, "R", publishes);
+  event(published + 40 * ms + 100 * us, 0, Kind::waking, takes, publishes, "1");
+  auto miss = after_gap(published + 40 * ms + 50 * us, published + 40 * ms + 150 * us);
+  miss.course.usual_ns = 40 * ms;
+  const auto found = why(miss);
+  EXPECT_FALSE(found.is_seen);
+  EXPECT_THAT(found.sentence, HasSubstr("usually come 40.0 ms apart"));
+  EXPECT_EQ(found.fix, "");
+}
+
 TEST_F(LateMessage, ThreadOfTheKernelIsNotToBeMoved) {
   switched(90 * ms, 0, 0, "R", publishes);
   switched(91 * ms, 1, 0, "R", worker);

@@ -550,6 +550,24 @@ TEST(Gnuplot, CcdfDrawsTheDeadlineOfEachRun) {
   EXPECT_THAT(commands, HasSubstr("deadlines 10 ms, 20 ms"));
 }
 
+TEST(Gnuplot, CcdfFallsWhereTheMessagesAreAndNotWhereTheNextOneIs) {
+  auto run = plotted("a", "udp");
+  run.shape.round_trip = {{10'000'000, 10'442'738, 99}, {9'800'000'000, 10'233'883'000, 1}};
+  run.round_trip.count = 100;
+  run.round_trip.max = 10'000'000'000;
+  run.lost = 0;
+  const auto commands = gnuplot_of({run}, {Plot::Figure::ccdf, Plot::Form::svg, false});
+  EXPECT_THAT(commands, HasSubstr("$run0 << END\n10 1\n10.4427 0.01\n9800 0.01\n10000 "));
+}
+
+TEST(Gnuplot, LossThatIsNotKnownIsNotNone) {
+  auto run = plotted("a", "udp");
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr(" lost of "));
+  run.run.outcome.loss_unknown = true;
+  for (const auto figure : {Plot::Figure::time, Plot::Figure::conditions})
+    EXPECT_THAT(gnuplot_of({run}, {figure, Plot::Form::svg, false}), HasSubstr("late, lost unknown of "));
+}
+
 TEST(Gnuplot, CcdfDrawsRepetitionsAsOneLineWithTheirSpread) {
   const Summaries runs{plotted("a", "udp", 1), plotted("a", "udp", 2), plotted("a", "fastdds")};
   const auto commands = gnuplot_of(runs, {Plot::Figure::ccdf, Plot::Form::svg, false});

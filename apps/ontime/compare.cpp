@@ -138,6 +138,10 @@ std::string name_sides(const CompareArguments& arguments, report::Comparison& co
 void draw(const report::Comparison& comparison, const std::string& file) {
   plot::Plot plot;
   plot.form = form_of("--plot", file);
+  if (comparison.pairs.empty())
+    throw Error(
+        2,
+        "--plot: no run of A has the same conditions as one of B. Without --plot, compare says what differs");
   const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
     throw Error(2, "--plot: no metric has a change to draw. Were the runs measured to their end?");

@@ -197,8 +197,9 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   }
   if (written_ns == 0) return {};
   stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
-  // Without numbers, the times of writing tell the order, if they are by one clock.
-  if (std::abs(written_ns - stream.latest_written_ns) > one_year_ns) stream.latest_written_ns = written_ns;
+  // Without numbers, the times of writing tell the order, if they are by one clock, which was not set.
+  if (std::abs(written_ns - stream.latest_written_ns) > one_year_ns || stream.times_set != times_set_)
+    stream.latest_written_ns = written_ns;
   if (!stream.sequence.has_begun() && written_ns < stream.latest_written_ns) ++stream.reordered;
   stream.latest_written_ns = std::max(stream.latest_written_ns, written_ns);
   const auto age = message.recorded_ns - written_ns;

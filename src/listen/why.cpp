@@ -270,6 +270,14 @@ trace::Span span_of(const Miss& miss) {
 }
 
 Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) {
+  // What is hardly longer than usual has no cause but what is usual.
+  const auto usual_ns = miss.course.usual_ns;
+  const bool is_gap = miss.kind == Miss::Kind::gap;
+  if (usual_ns > 0 && 10 * (miss.value_ns - usual_ns) < miss.value_ns)
+    return {.cause = explain::word_of(Cause::unknown),
+            .sentence = fmt::format("cause not seen: this topic's messages {} {:.1f} ms {}",
+                                    is_gap ? "usually come" : "are usually",
+                                    static_cast<double>(usual_ns) / 1e6, is_gap ? "apart" : "old")};
   if (!window.whole)
     return {.cause = explain::word_of(Cause::unknown),
             .sentence = "cause not seen: the kernel's events of that time are not all there"};

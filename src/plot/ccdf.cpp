@@ -22,9 +22,13 @@ class Curve {
   explicit Curve(const Group& runs) {
     for (const auto* run : runs) {
       lost_ += run->lost;
-      for (const auto& bin : run->shape.round_trip) bins_[bin.from_ns] += bin.count;
+      for (const auto& bin : run->shape.round_trip) {
+        bins_[bin.from_ns] += bin.count;
+        bins_.try_emplace(bin.to_ns);  // what follows may be empty
+      }
       if (run->round_trip.count > 0) greatest_ns_ = std::max(greatest_ns_, run->round_trip.max);
     }
+    std::erase_if(bins_, [this](const auto& bin) { return bin.first > greatest_ns_; });
     std::uint64_t left = lost_;
     for (auto bin = bins_.rbegin(); bin != bins_.rend(); ++bin) bin->second = left += bin->second;
     all_ = left;
@@ -32,7 +36,7 @@ class Curve {
   bool answered() const { return !bins_.empty(); }
   std::int64_t greatest_ns() const { return greatest_ns_; }
   double lost() const { return share(lost_); }
-  // Exact where a bin begins, and until the next one no more than that.
+  // Exact where a bin begins, and within it no more than that.
   double slower(std::int64_t ns) const {
     const auto after = bins_.upper_bound(ns);
     if (after == bins_.begin()) return 1;

@@ -48,6 +48,7 @@ double least_positive_ms(const statistics::Summary&);  // to within a bin of its
 
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
+  bool knows_loss = false;  // of a run at least
 };
 Counts counts_of(const Group&);
 std::string text_of(const Counts&);  // "6 late, 0 lost of 1,945"

@@ -133,6 +133,7 @@ Counts counts_of(const Group& group) {
     all.sent += run->sent;
     all.late += run->late;
     all.lost += run->lost;
+    all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
   }
   return all;
@@ -140,7 +141,8 @@ Counts counts_of(const Group& group) {
 
 std::string text_of(const Counts& counts) {
   return fmt::format(
-      "{} late, {} lost of {}{}", grouped(counts.late), grouped(counts.lost), grouped(counts.sent),
+      "{} late, {} of {}{}", grouped(counts.late),
+      counts.knows_loss ? grouped(counts.lost) + " lost" : "lost unknown", grouped(counts.sent),
       counts.skipped_cycles > 0 ? fmt::format("; {} cycles without a message", grouped(counts.skipped_cycles))
                                 : "");
 }
