@@ -560,12 +560,24 @@ TEST(Gnuplot, CcdfFallsWhereTheMessagesAreAndNotWhereTheNextOneIs) {
   EXPECT_THAT(commands, HasSubstr("$run0 << END\n10 1\n10.4427 0.01\n9800 0.01\n10000 "));
 }
 
+TEST(Gnuplot, AxesHaveNumbersThatCanBeRead) {
+  auto run = plotted("a", "udp");
+  EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload, Plot::Form::svg, false}),
+              HasSubstr("set xtics (500)"));
+  run.shape.round_trip = {{100, 104, 990}, {100'000'000'000, 104'427'000'000, 10}};
+  run.round_trip.min = 100;
+  run.round_trip.max = 100'000'000'000;
+  const auto wide = gnuplot_of({run}, {Plot::Figure::ccdf, Plot::Form::svg, false});
+  EXPECT_THAT(wide, HasSubstr("'1 ms' 1,"));
+  EXPECT_THAT(wide, HasSubstr("'' 10 1,"));
+}
+
 TEST(Gnuplot, LossThatIsNotKnownIsNotNone) {
   auto run = plotted("a", "udp");
   EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr(" lost of "));
   run.run.outcome.loss_unknown = true;
   for (const auto figure : {Plot::Figure::time, Plot::Figure::conditions})
-    EXPECT_THAT(gnuplot_of({run}, {figure, Plot::Form::svg, false}), HasSubstr("late, lost unknown of "));
+    EXPECT_THAT(gnuplot_of({run}, {figure, Plot::Form::svg, false}), HasSubstr("; lost unknown"));
 }
 
 TEST(Gnuplot, CcdfDrawsRepetitionsAsOneLineWithTheirSpread) {

@@ -2,9 +2,11 @@
 // Round trips against what was varied: the payload, or the rate of the background topics.
 #include <algorithm>
 #include <map>
+#include <set>
 #include <sstream>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "gate/gate.hpp"
 #include "plot/figures.hpp"
@@ -160,6 +162,13 @@ std::string plot_against(const Group& group, const Plot& plot) {
                         range.greatest_ms, series.empty() ? 0.1 : least_x / 1.3,
                         series.empty() ? 10 : greatest_x * 1.3));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
+  // Few places have their numbers; else powers of ten have.
+  std::set<double> places;
+  for (const auto& [name, at] : series)
+    for (const auto& [x, runs] : at) places.insert(x);
+  constexpr std::size_t most_named = 5;
+  if (!places.empty() && places.size() <= most_named)
+    sheet.add(fmt::format("set xtics ({:g})", fmt::join(places, ", ")));
   for (const auto& [name, lines] : data) sheet.data(name, lines);
   sheet.text(0.2, (axes.top + axes.bottom) / 2, report::quantity_of(group), "center rotate");
   sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, abscissa.label, "center");

@@ -140,11 +140,13 @@ Counts counts_of(const Group& group) {
 }
 
 std::string text_of(const Counts& counts) {
-  return fmt::format(
-      "{} late, {} of {}{}", grouped(counts.late),
-      counts.knows_loss ? grouped(counts.lost) + " lost" : "lost unknown", grouped(counts.sent),
-      counts.skipped_cycles > 0 ? fmt::format("; {} cycles without a message", grouped(counts.skipped_cycles))
-                                : "");
+  auto text = counts.knows_loss
+                  ? fmt::format("{} late, {} lost of {}", grouped(counts.late), grouped(counts.lost),
+                                grouped(counts.sent))
+                  : fmt::format("{} late of {}; lost unknown", grouped(counts.late), grouped(counts.sent));
+  if (counts.skipped_cycles > 0)
+    text += fmt::format("; {} cycles without a message", grouped(counts.skipped_cycles));
+  return text;
 }
 
 std::vector<const Summary*> left_out(const Summaries& summaries, const Plot& plot) {

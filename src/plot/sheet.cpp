@@ -147,13 +147,16 @@ void Legend::draw(Sheet& sheet, double left, double top) const {
 }
 
 std::string time_tics(const char* axis, double least_ms, double greatest_ms) {
-  const bool several = greatest_ms / least_ms < 30;  // few powers of ten: 2 and 5 have a name too
+  // Few powers of ten: others have a name too, and of many only each third.
+  const auto span = greatest_ms / least_ms;
+  const int every = span > 2e6 ? 3 : 1;
+  const auto digits = span < 4 ? std::vector<double>{1, 1.5, 2, 3, 5, 7} : std::vector<double>{1, 2, 5};
   std::vector<std::string> tics;
   for (int power = -6; power < 8; ++power)
-    for (const int digit : {1, 2, 5}) {
+    for (const auto digit : digits) {
       const auto ms = digit * std::pow(10, power);
       if (ms < least_ms || ms > greatest_ms) continue;
-      const bool named = digit == 1 || several;
+      const bool named = (digit == 1 && power % every == 0) || span < 30;
       const auto [unit, size] = ms >= 999        ? std::pair{"s", 1e3}
                                 : ms >= 0.999    ? std::pair{"ms", 1.0}
                                 : ms >= 0.000999 ? std::pair{"µs", 1e-3}
