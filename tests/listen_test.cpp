@@ -549,6 +549,19 @@ TEST_F(JudgedPair, MissBeforeTheTopicHasItsNameWaitsForIt) {
   EXPECT_EQ(messages.take_misses(at(7)).size(), 1U);
 }
 
+TEST_F(JudgedPair, MissOfAProcessThatJustBeganHasItsName) {
+  const auto take_in_new = [&](std::int64_t at_ns) {
+    messages.add({.kind = Observation::Kind::taken, .at_ns = at_ns, .endpoint = 0xd, .process = 3});
+  };
+  messages.name_topic(3, 0xd, "/odom");
+  take_in_new(at(0));
+  take_in_new(at(3));
+  messages.begin_process(3, "navigation");
+  const auto misses = messages.take_misses(at(4));
+  ASSERT_EQ(misses.size(), 1U);
+  EXPECT_EQ(misses[0].reader, (Party{3, "navigation"}));
+}
+
 TEST_F(JudgedPair, MissOfATopicWithoutANameIsToldAfterAWhile) {
   const auto take_unnamed = [&](std::int64_t at_ns) {
     messages.add({.kind = Observation::Kind::taken, .at_ns = at_ns, .endpoint = 0xc, .process = 2});

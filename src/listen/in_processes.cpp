@@ -436,7 +436,7 @@ class InProcesses final : public Sensor {
   void name(const ontime_event& event, const std::string& topic) {
     if (const auto own = of_process_.find(event.process); own != of_process_.end())
       own->second.unnamed.erase(event.endpoint);
-    if (!topic.empty() && std::all_of(topic.begin(), topic.end(), [](char c) { return c > ' ' && c < 127; }))
+    if (!topic.empty() && std::all_of(topic.begin(), topic.end(), [](char c) { return c >= ' ' && c < 127; }))
       messages_.name_topic(event.process, event.endpoint, ros_name(topic));
   }
 

@@ -76,8 +76,12 @@ class Messages {
   }
   // Their times are those of the observations. One of a topic without a name waits for it.
   std::vector<Miss> take_misses(std::int64_t now_ns) {
-    return misses_.take(
+    auto misses = misses_.take(
         [&](const Miss& miss) { return miss.topic.empty() && now_ns - miss.at_ns < named_within_ns; });
+    for (auto& miss : misses)
+      for (auto* const one : {&miss.writer, &miss.reader})  // a process has its name soon after it began
+        if (one->process != 0 && one->name.empty()) *one = party(one->process);
+    return misses;
   }
 
  private:
