@@ -734,6 +734,33 @@ TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
   EXPECT_EQ(flows[0].silent_ns, 100'000'000) << "before that, nothing listened";
 }
 
+// A node that starts again is another process.
+TEST(Silence, EndsWhereAFlowOfTheSameNamesBegins) {
+  std::vector<Flow> flows(3);
+  for (auto& flow : flows) {
+    flow.topic = "/cmd_vel";
+    flow.writer = {1, "controller"};
+    flow.reader = {2, "base"};
+  }
+  const auto judged = [&](std::int64_t first_ns) {
+    flows[0].first_ns = 0;
+    flows[0].last_ns = 1'000'000'000;
+    flows[1].writer.process = 7;
+    flows[1].first_ns = first_ns;
+    flows[1].last_ns = 60'000'000'000;
+    flows[2].topic = "/scan";
+    flows[2].first_ns = 1'001'000'000;
+    flows[2].last_ns = 60'000'000'000;
+    auto all = flows;
+    judge_silence(all, Limits{.deadline = 15ms, .period = {}, .age = {}}, 60'000'000'000);
+    return all[0];
+  };
+  EXPECT_EQ(judged(3'000'000'000).silent_ns, 2'000'000'000);
+  EXPECT_TRUE(judged(3'000'000'000).was_replaced);
+  EXPECT_EQ(judged(1'010'000'000).silent_ns, 0) << "in time";
+  EXPECT_EQ(judged(500'000'000).silent_ns, 59'000'000'000) << "it was there before";
+}
+
 TEST(Period, HalfAsMuchAgainIsNoGap) {
   const Limits limits{.deadline = {}, .period = 10ms, .age = {}};
   EXPECT_FALSE(limits.is_gap(15'000'000));

@@ -96,7 +96,9 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
     text += " late unknown ";
   if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
   if (flow.silent_ns > 0)
-    text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
+    text += fmt::format(" SILENT for {}{:.1f} s{} ", flow.was_replaced ? "" : "the last ",
+                        static_cast<double>(flow.silent_ns) / 1e9,
+                        flow.was_replaced ? " until it began again" : "");
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
   if (flow.lost_not_judged > 0) text += fmt::format("(and {} not judged) ", flow.lost_not_judged);
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);

@@ -84,9 +84,18 @@ bool Limits::is_too_old(std::int64_t ns) const { return age && ns > age->count()
 
 void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t until_ns,
                    std::int64_t since_ns) {
-  for (auto& flow : flows)
-    if (const auto silence = until_ns - std::max(flow.last_ns, since_ns); limits.is_gap(silence))
-      flow.silent_ns = silence;
+  for (auto& flow : flows) {
+    const auto begun_ns = std::max(flow.last_ns, since_ns);
+    if (!limits.is_gap(until_ns - begun_ns)) continue;
+    auto end_ns = until_ns;
+    for (const auto& other : flows)
+      if (other.first_ns > flow.last_ns && !flow.topic.empty() && other.topic == flow.topic &&
+          other.writer.name == flow.writer.name && other.reader.name == flow.reader.name) {
+        end_ns = std::min(end_ns, other.first_ns);
+        flow.was_replaced = true;
+      }
+    if (limits.is_gap(end_ns - begun_ns)) flow.silent_ns = end_ns - begun_ns;
+  }
 }
 
 double Flow::rate_hz() const {

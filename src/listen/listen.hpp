@@ -93,7 +93,10 @@ struct Flow {
   // Under way while ontime set or removed probes: taken, but neither late nor in `period` and `age`; not
   // taken, but not in `lost`.
   std::uint64_t not_judged = 0, lost_not_judged = 0;
-  std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
+  // From its last message to the end of listening, or until a flow of the same names began in its place,
+  // where that is beyond a limit.
+  std::int64_t silent_ns = 0;
+  bool was_replaced = false;  // by such a one, as when a node starts again
   double rate_hz() const;
 };
 
