@@ -263,7 +263,8 @@ void ListenResults::add_silence(const listen::Flow& flow) {
   if (keeps_worst_) keep(found->second, sample, nullptr, std::nullopt);
   found->second.notes.push_back(
       {"silent",
-       fmt::format("no message came in the last {:.1f} s{}", static_cast<double>(flow.silent_ns) / 1e9,
+       fmt::format("no message came {} {:.1f} s{}", flow.was_replaced ? "for" : "in the last",
+                   static_cast<double>(flow.silent_ns) / 1e9,
                    flow.was_replaced ? ", until a flow of the same names began" : ""),
        std::nullopt, std::nullopt});
 }
