@@ -80,16 +80,20 @@ class LateMessage : public testing::Test {
     window.span = span_of(miss);
     return listen::why(miss, window, owner_of);
   }
+  // The reader is ready 20 µs after the publish, and waits 21 ms for the CPU that another thread has.
+  Why behind(std::int32_t other) {
+    switched(90 * ms, 0, 0, "R", publishes);
+    switched(91 * ms, 1, 0, "R", other);
+    event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
+    switched(published + 21 * ms, 1, other, "S", takes);
+    return why(old(published + 21 * ms + 50 * us));
+  }
 
   trace::Window window;
 };
 
 TEST_F(LateMessage, ReaderBehindAnotherThreadNamesIt) {
-  switched(90 * ms, 0, 0, "R", publishes);
-  switched(91 * ms, 1, 0, "R", hog);
-  event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
-  switched(published + 21 * ms, 1, hog, "S", takes);
-  const auto found = why(old(published + 21 * ms + 50 * us));
+  const auto found = behind(hog);
   ASSERT_TRUE(found.is_seen) << found.sentence;
   EXPECT_EQ(found.cause, "cpu");
   EXPECT_EQ(found.victim, (Party{2, "base"}));
@@ -111,11 +115,7 @@ TEST_F(LateMessage, TopicThatIsSlowerThanItsLimitAccusesNothing) {
 }
 
 TEST_F(LateMessage, ThreadOfTheKernelIsNotToBeMoved) {
-  switched(90 * ms, 0, 0, "R", publishes);
-  switched(91 * ms, 1, 0, "R", worker);
-  event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
-  switched(published + 21 * ms, 1, worker, "S", takes);
-  const auto found = why(old(published + 21 * ms + 50 * us));
+  const auto found = behind(worker);
   EXPECT_EQ(found.culprit, (Party{33, "kworker/1:2-events"}));
   EXPECT_THAT(found.fix, HasSubstr("SCHED_FIFO for base"));
   EXPECT_THAT(found.fix, testing::Not(HasSubstr("taskset"))) << "the kernel refuses";

@@ -178,7 +178,7 @@ class Listening {
 
   // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
   std::unique_ptr<listen::Explainer> make_explainer() const {
-    if (!is_judged_ || !arguments_.is_in_processes() || arguments_.list || arguments_.no_explain)
+    if (!limits_.any() || !arguments_.is_in_processes() || arguments_.list || arguments_.no_explain)
       return nullptr;
     try {
       return std::make_unique<listen::Explainer>(most_bytes_.has_value());
@@ -387,7 +387,6 @@ class Listening {
 
   const ListenArguments& arguments_;
   const listen::Limits limits_;
-  const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
   const std::vector<listen::ChainWish> chains_;
   std::set<std::string> topics_;  // that were asked for; empty: all
   std::set<std::string> unseen_;  // of these

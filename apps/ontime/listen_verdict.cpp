@@ -14,16 +14,15 @@ namespace ontime::app {
 
 int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
                  const ListenArguments& arguments, bool is_all_seen) {
-  const bool is_judged = limits.deadline || limits.period || limits.age;
   const bool has_chain_limit =
       std::ranges::any_of(findings.chains, [](const auto& chain) { return chain.wish.age.has_value(); });
   // A silent topic misses every limit.
-  if (!is_all_seen) return is_judged || has_chain_limit ? 1 : 2;
+  if (!is_all_seen) return limits.any() || has_chain_limit ? 1 : 2;
   if (std::ranges::any_of(findings.chains, misses)) return 1;
   if (std::ranges::any_of(findings.chains,
                           [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
     return 2;
-  if (is_judged && findings.flows.empty()) return 1;
+  if (limits.any() && findings.flows.empty()) return 1;
   if (findings.forgotten.with_misses > 0) return 1;
   // What no process takes has no age, and needs none.
   const auto lacks_age = [&](const listen::Flow& flow) {

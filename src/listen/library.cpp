@@ -22,16 +22,6 @@ constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
 constexpr std::uint64_t most_section_bytes = 64 << 20;
 constexpr std::size_t longest_instruction = 15;
 
-struct Descriptor {
-  explicit Descriptor(const std::string& path) : fd(open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {}
-  ~Descriptor() {
-    if (fd >= 0) close(fd);
-  }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  const int fd;
-};
-
 // Offset in the file of an address in memory; empty: no segment has it.
 std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
   std::size_t segments = 0;
@@ -86,8 +76,14 @@ constexpr GElf_Half machine = EM_AARCH64;
 
 }  // namespace
 
+OpenFile::OpenFile(const std::string& path, int flags) : fd(open(path.c_str(), flags | O_CLOEXEC)) {}
+
+OpenFile::~OpenFile() {
+  if (fd >= 0) close(fd);
+}
+
 Library::Library(const std::string& path) {
-  const Descriptor file(path);
+  const OpenFile file(path, O_RDONLY | O_NONBLOCK);
   if (file.fd < 0) throw Error(fmt::format("it cannot be read: {}", std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
   const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);

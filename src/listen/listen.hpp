@@ -36,6 +36,7 @@ struct Limits {
   std::optional<std::chrono::nanoseconds> deadline;  // the longest time between two messages
   std::optional<std::chrono::nanoseconds> period;    // the expected one; late after half as much again
   std::optional<std::chrono::nanoseconds> age;       // from the writer's stamp to the take
+  bool any() const { return deadline || period || age; }
   std::optional<std::chrono::nanoseconds> longest_gap() const;  // of deadline and period, the stricter
   bool is_gap(std::int64_t ns) const;
   bool is_too_old(std::int64_t ns) const;

@@ -14,7 +14,6 @@
 #include <linux/magic.h>
 #include <sys/stat.h>
 #include <sys/vfs.h>
-#include <unistd.h>
 
 namespace ontime::listen {
 namespace {
@@ -34,24 +33,21 @@ std::optional<Middleware> middleware_of(std::string_view library) {
   return {};
 }
 
-using OpenFile = std::shared_ptr<const int>;
-using Opened = std::map<std::pair<std::uint64_t, std::uint64_t>, OpenFile>;  // by device and inode
+using Opened = std::map<std::pair<std::uint64_t, std::uint64_t>,
+                        std::shared_ptr<const OpenFile>>;  // by device and inode
 
 // And what the process's maps do not tell, or tell otherwise than stat() does (Btrfs). What many processes
 // map is opened once. False: it is gone, or no file.
 bool open_file(Mapping& mapping, Opened& all) {
-  OpenFile opened(new int(open(mapping.path.c_str(), O_PATH | O_CLOEXEC)), [](const int* descriptor) {
-    if (*descriptor >= 0) close(*descriptor);
-    delete descriptor;
-  });
+  auto opened = std::make_shared<const OpenFile>(mapping.path, O_PATH);
+  const int fd = opened->fd;
   struct stat file {};
   struct statfs system {};
-  if (*opened < 0 || fstat(*opened, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(*opened, &system) != 0)
-    return false;
+  if (fd < 0 || fstat(fd, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(fd, &system) != 0) return false;
   mapping.file = {file.st_dev, file.st_ino};
   mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
-  mapping.descriptor = all.try_emplace(mapping.file, std::move(opened)).first->second;
-  mapping.path = fmt::format("/proc/self/fd/{}", *mapping.descriptor);
+  mapping.opened = all.try_emplace(mapping.file, std::move(opened)).first->second;
+  mapping.path = fmt::format("/proc/self/fd/{}", mapping.opened->fd);
   return true;
 }
 

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "listen/library.hpp"
 #include "listen/listen.hpp"
 
 namespace ontime::listen {
@@ -21,7 +22,7 @@ struct Mapping {
   std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
   std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
   // Keeps `path`: a process may map another file at any time, and name it as it likes.
-  std::shared_ptr<const int> descriptor{};
+  std::shared_ptr<const OpenFile> opened{};
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
   bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
 };

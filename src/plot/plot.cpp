@@ -7,8 +7,8 @@
 
 #include <fmt/format.h>
 
-#include "gate/gate.hpp"
 #include "plot/figures.hpp"
+#include "report/answer.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -47,27 +47,27 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
   return labels;
 }
 
-// As the tables have it where a run was not measured to its end or as asked: " (NOT APPLIED)"; else empty. Of
-// repetitions the gravest.
-std::string state_of(const Group& runs) {
-  using gate::Flaw;
-  auto worst = Flaw::none;
-  for (const auto* run : runs)
-    if (const auto flaw = gate::flaw_of(*run); flaw != Flaw::imported && flaw != Flaw::worst_only)
-      worst = std::min(worst, flaw);
-  return worst == Flaw::none      ? ""
-         : worst == Flaw::failed  ? " (FAILED)"
-         : worst == Flaw::cut_off ? " (CUT OFF)"
-                                  : " (NOT APPLIED)";
+// Not measured to its end or as asked.
+bool is_flawed(const Summary* run) {
+  const auto state = state_of(*run);
+  return state == Answer::State::not_applied || state == Answer::State::cut_off ||
+         state == Answer::State::failed;
 }
-bool is_flawed(const Summary* run) { return !state_of({run}).empty(); }
+
+// As the tables have it: " (NOT APPLIED)", of repetitions the gravest; else empty.
+std::string mark_of(const Group& runs) {
+  auto worst = Answer::State::ok;
+  for (const auto* run : runs)
+    if (is_flawed(run)) worst = std::max(worst, state_of(*run));
+  return worst == Answer::State::ok ? "" : fmt::format(" ({})", word_of(worst));
+}
 
 }  // namespace
 
 std::vector<std::string> names_of(const Group& group) {
   auto names = names_with(group, within_ids(group, labels_of), labels_of(group));
   tell_apart(names, group);
-  for (std::size_t i = 0; i < group.size(); ++i) names[i] += state_of({group[i]});
+  for (std::size_t i = 0; i < group.size(); ++i) names[i] += mark_of({group[i]});
   return names;
 }
 
@@ -82,7 +82,7 @@ std::vector<Condition> conditions_of(const Group& group) {
     else
       conditions.push_back({names[i], labels[i], {group[i]}});
   }
-  for (auto& condition : conditions) condition.name += state_of(condition.runs);
+  for (auto& condition : conditions) condition.name += mark_of(condition.runs);
   return conditions;
 }
 

@@ -59,25 +59,6 @@ std::uint64_t missed_of(const Summary& run) {
   return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
-State state_of(const Summary& run) {
-  const bool is_late = missed_of(run) > 0;
-  switch (gate::flaw_of(run)) {
-    case Flaw::imported:
-      return State::imported;
-    case Flaw::failed:
-      return State::failed;
-    case Flaw::cut_off:
-      return State::cut_off;
-    case Flaw::worst_only:  // its counts are of all messages
-    case Flaw::none:
-      return is_late ? State::late : State::ok;
-    default:
-      break;
-  }
-  // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
-  return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
-}
-
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
   const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
@@ -356,6 +337,25 @@ std::string common_conditions(const std::vector<Entry>& entries) {
 }
 
 }  // namespace
+
+State state_of(const Summary& run) {
+  const bool is_late = missed_of(run) > 0;
+  switch (gate::flaw_of(run)) {
+    case Flaw::imported:
+      return State::imported;
+    case Flaw::failed:
+      return State::failed;
+    case Flaw::cut_off:
+      return State::cut_off;
+    case Flaw::worst_only:  // its counts are of all messages
+    case Flaw::none:
+      return is_late ? State::late : State::ok;
+    default:
+      break;
+  }
+  // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
+  return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
+}
 
 Answer answer_of(const Summaries& summaries, const Origin& origin) {
   Answer answer;

@@ -55,7 +55,8 @@ inline constexpr std::size_t screen_lines = 24;
 std::string text_of(const Answer&, std::size_t width);
 std::string steps_text(const std::vector<Answer::Step>&, std::size_t width);
 nlohmann::ordered_json json_of(const Answer&);  // docs/reference/json.md
-const char* word_of(Answer::State);             // "ok", "LATE", "NOT APPLIED" …
+Answer::State state_of(const statistics::Summary&);
+const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
 
 // For answer_of(): the commands that follow. `any` is a run; `late`, `from` and `to` are one, or nothing.
 struct Findings {
