@@ -173,6 +173,7 @@ class Listening {
   listen::Findings wanted(listen::Findings findings) const {
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
     std::erase_if(findings.misses_left_out, [&](const auto& topic) { return !is_wanted(topic.first); });
+    std::erase_if(findings.forgotten, [&](const auto& topic) { return !is_wanted(topic.first); });
     return findings;
   }
 
@@ -298,6 +299,7 @@ class Listening {
   }
 
   void write(const listen::Findings& findings) {
+    const auto forgotten = findings.all_forgotten();
     if (as_json_) {
       const auto from_ns =
           std::chrono::duration_cast<std::chrono::nanoseconds>(counted_from_.time_since_epoch()).count();
@@ -308,9 +310,9 @@ class Listening {
           {"misses", ordered_json::array()},
           {"misses_left_out", misses_left_out(findings)},
           {"forgotten",
-           {{"flows", findings.forgotten.flows},
-            {"messages", findings.forgotten.messages},
-            {"with_misses", findings.forgotten.with_misses}}},
+           {{"flows", forgotten.flows},
+            {"messages", forgotten.messages},
+            {"with_misses", forgotten.with_misses}}},
           {"sensor_lost", findings.sensor_lost},
           {"cost", json_of_cost(findings.cost)},
           {"remarks", findings.remarks}};
@@ -334,11 +336,11 @@ class Listening {
                               findings.sensor_lost));
     if (const auto count = misses_left_out(findings); count > 0)
       print_error(fmt::format("{} late messages are only counted: there was no room for a line each", count));
-    if (const auto& [flows, messages, with_misses] = findings.forgotten; flows > 0)
+    if (forgotten.flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
                       "flows missed a limit",
-                      flows, messages, with_misses));
+                      forgotten.flows, forgotten.messages, forgotten.with_misses));
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 

@@ -262,11 +262,7 @@ void ListenResults::add_silence(const listen::Flow& flow) {
   add(found->second, sample);
   if (keeps_worst_) keep(found->second, sample, nullptr, std::nullopt);
   found->second.notes.push_back(
-      {"silent",
-       fmt::format("no message came {} {:.1f} s{}", flow.was_replaced ? "for" : "in the last",
-                   static_cast<double>(flow.silent_ns) / 1e9,
-                   flow.was_replaced ? ", until a flow of the same names began" : ""),
-       std::nullopt, std::nullopt});
+      {"silent", fmt::format("no message came {}", silence_of(flow)), std::nullopt, std::nullopt});
 }
 
 json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {

@@ -20,7 +20,7 @@ using table::escaped;
 using table::printable;
 using Purpose = Trial::Purpose;
 
-constexpr std::size_t most_causes = 3;
+constexpr std::size_t most_causes = 3, most_name = 60;
 
 std::string answer_of(const SearchReport& report) {
   switch (report.outcome.end) {
@@ -104,12 +104,13 @@ std::string list(const char* title, const std::vector<std::string>& words) {
   return words.empty() ? "" : fmt::format("\n{}: {}\n", title, fmt::join(words, "; "));
 }
 
-// Titles, and text to paste.
+// Titles, and text to paste. A run may be of a results file that somebody else made.
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty())
     parts.emplace_back(
-        fmt::format("In the scenario, in run {} (replace keys that it states already)", kept.run),
+        fmt::format("In the scenario, in run {} (replace keys that it states already)",
+                    table::shortened(printable(kept.run), most_name)),
         kept.scenario);
   for (const auto& unit : kept.units) {
     const auto where = unit.host.empty() ? "on each machine" : "on the " + unit.host;

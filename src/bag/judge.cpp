@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -13,8 +14,10 @@ namespace {
 constexpr std::uint64_t longest_leap = 1 << 20;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
-// Messages of one topic come in order, but for what threads of a recorder mix up: its clock was set back.
+// Messages of one topic come in order, but for what threads of a recorder mix up: its clock was set back, or
+// this topic's times are odd. A topic of few messages, such as one that each file repeats, tells nothing.
 constexpr std::int64_t set_back_ns = 1'000'000'000;
+constexpr std::uint64_t enough_to_tell = 8;
 // Without a message of any topic: worth a remark.
 constexpr std::int64_t long_pause_ns = 10'000'000'000;
 
@@ -53,6 +56,7 @@ void Judge::add(const Message& message) {
   const auto step_ns = message.recorded_ns - std::exchange(before_ns_, message.recorded_ns);
   // A robot without a battery for its clock starts in 1970, until the network tells the time.
   if (std::abs(step_ns) > one_year_ns) {
+    believe_doubt();
     origin_ns_ += step_ns;
     ++times_set_;
   } else if (step_ns > long_pause_ns && streams_.size() > 1) {
@@ -61,11 +65,7 @@ void Judge::add(const Message& message) {
   }
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
-  if (stream->messages > 0 && stream->times_set == times_set_ && stream->in_file > 1 &&
-      at_ns(message) < stream->last_ns - set_back_ns) {
-    origin_ns_ = message.recorded_ns - until_ns_;
-    ++times_set_;
-  }
+  watch_clock(*stream, message);
   until_ns_ = std::max(until_ns_, at_ns(message));
   if (stream->messages == 0) stream->first_ns = at_ns(message);
   const bool came_late = stream->messages > 0 && judge_period(*stream, message);
@@ -74,6 +74,59 @@ void Judge::add(const Message& message) {
   ++stream->messages;
   stream->last_ns = at_ns(message);
   stream->times_set = times_set_;
+}
+
+// Where the clock was set back, the next message of every topic goes back. Where one alone does, its own
+// times were ahead, or come late; which of all is shown by the first other topic that can tell.
+void Judge::watch_clock(Stream& stream, const Message& message) {
+  const auto can_tell = [this](const Stream& one) {
+    return one.times_set == times_set_ && (one.messages >= enough_to_tell || streams_.size() == 1);
+  };
+  if (!can_tell(stream)) return;
+  const bool goes_back = at_ns(message) < stream.last_ns - set_back_ns;
+  if (doubt_ && doubt_->stream != &stream) {
+    if (stream.last_ns <= doubt_->from_ns + set_back_ns) return;
+    if (goes_back) return believe_doubt();
+    doubt_.reset();
+    until_ns_ = latest_but(nullptr);
+    return;
+  }
+  if (!goes_back) return;
+  believe_doubt();  // the same topic has gone back before, and no other one spoke against it
+  const auto from_ns = at_ns(message), others_ns = latest_but(&stream);
+  stream.latest_written_ns = 0;
+  if (streams_.size() > 1 && others_ns <= from_ns + set_back_ns) {
+    until_ns_ = std::max(others_ns, from_ns);
+    return;
+  }
+  const auto by_ns = until_ns_ - from_ns;
+  if (streams_.size() > 1)
+    doubt_ = {.stream = &stream, .from_ns = from_ns, .by_ns = by_ns};
+  else
+    set_clock_back(by_ns);
+}
+
+// Time goes on from where it was.
+void Judge::set_clock_back(std::int64_t by_ns) {
+  origin_ns_ -= by_ns;
+  ++times_set_;
+}
+
+std::int64_t Judge::latest_but(const Stream* stream) const {
+  std::int64_t latest_ns = std::numeric_limits<std::int64_t>::min();
+  for (const auto& [key, other] : streams_)
+    if (&other != stream && other.messages > 0 && other.times_set == times_set_)
+      latest_ns = std::max(latest_ns, other.last_ns);
+  return latest_ns;
+}
+
+void Judge::believe_doubt() {
+  if (!doubt_) return;
+  set_clock_back(doubt_->by_ns);
+  doubt_->stream->last_ns += doubt_->by_ns;
+  doubt_->stream->times_set = times_set_;
+  until_ns_ = std::max(until_ns_, doubt_->stream->last_ns);
+  doubt_.reset();
 }
 
 void Judge::end_file() {
@@ -244,8 +297,14 @@ listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
 listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
-  for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
-  listen::judge_silence(findings.flows, limits_, until_ns_);
+  auto until_ns = until_ns_;
+  for (const auto& [key, stream] : streams_) {
+    auto& flow = findings.flows.emplace_back(flow_of(key, stream));
+    if (!doubt_ || doubt_->stream != &stream) continue;
+    flow.last_ns += doubt_->by_ns;
+    until_ns = std::max(until_ns, flow.last_ns);
+  }
+  listen::judge_silence(findings.flows, limits_, until_ns);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(

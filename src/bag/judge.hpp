@@ -4,6 +4,7 @@
 #pragma once
 
 #include <map>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -65,6 +66,10 @@ class Judge {
   // When it was recorded, on a time that goes on where the recorder's clock was set.
   std::int64_t at_ns(const Message& message) const { return message.recorded_ns - origin_ns_; }
   Stream* stream_of(const Topic&);
+  void watch_clock(Stream&, const Message&);
+  std::int64_t latest_but(const Stream*) const;  // of those that came since the clock was set last
+  void believe_doubt();
+  void set_clock_back(std::int64_t by_ns);
   bool is_of_file(const Stream&, std::uint64_t number);
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
@@ -81,6 +86,12 @@ class Judge {
     bool has_several = false, rises = true;
   };
 
+  // One topic went back: was the recorder's clock set? If no other topic tells, it was.
+  struct Doubt {
+    Stream* stream;
+    std::int64_t from_ns, by_ns;  // at_ns() of its first message there; by how much time went back
+  };
+
   const listen::Limits limits_;
   File file_;
   std::map<Key, Stream> streams_;
@@ -90,7 +101,8 @@ class Judge {
   std::int64_t origin_ns_ = 0;              // of at_ns()
   std::int64_t until_ns_ = 0;               // the latest at_ns()
   std::uint64_t times_set_ = 0;             // the recorder's clock
-  std::uint64_t pauses_ = 0;                // of all topics
+  std::optional<Doubt> doubt_;
+  std::uint64_t pauses_ = 0;  // of all topics
   std::int64_t longest_pause_ns_ = 0;
   std::uint64_t left_out_ = 0;
   Oddity unset_, foreign_clock_, ahead_, was_set_, mixed_;

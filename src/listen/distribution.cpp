@@ -24,6 +24,13 @@ std::int64_t value_of(std::size_t bucket) {
   return static_cast<std::int64_t>(least + ((std::size_t{1} << magnitude) >> 1U));
 }
 
+// A node that hangs may be one of two that have its name.
+bool takes_its_place(const Flow& other, const Flow& flow) {
+  return flow.has_ended && other.first_ns > flow.last_ns && !flow.topic.empty() &&
+         other.topic == flow.topic && other.writer.name == flow.writer.name &&
+         other.reader.name == flow.reader.name;
+}
+
 }  // namespace
 
 void Distribution::add(std::int64_t ns) {
@@ -89,13 +96,22 @@ void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t 
     if (!limits.is_gap(until_ns - begun_ns)) continue;
     auto end_ns = until_ns;
     for (const auto& other : flows)
-      if (other.first_ns > flow.last_ns && !flow.topic.empty() && other.topic == flow.topic &&
-          other.writer.name == flow.writer.name && other.reader.name == flow.reader.name) {
+      if (takes_its_place(other, flow)) {
         end_ns = std::min(end_ns, other.first_ns);
-        flow.was_replaced = true;
+        flow.silent_until = Flow::SilentUntil::began_again;
       }
     if (limits.is_gap(end_ns - begun_ns)) flow.silent_ns = end_ns - begun_ns;
   }
+}
+
+Findings::Forgotten Findings::all_forgotten() const {
+  Forgotten all;
+  for (const auto& [topic, one] : forgotten) {
+    all.flows += one.flows;
+    all.messages += one.messages;
+    all.with_misses += one.with_misses;
+  }
+  return all;
 }
 
 double Flow::rate_hz() const {

@@ -120,13 +120,16 @@ class InProcesses final : public Sensor {
   Findings findings() const override {
     auto findings = messages_.findings();
     judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : read_ns_ - unread_ns, resumed_ns_);
+    for (auto& flow : findings.flows)
+      if (const auto outage = outages_.find(flow.id); outage != outages_.end() && flow.silent_ns == 0)
+        std::tie(flow.silent_ns, flow.silent_until) = outage->second;
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
     if (clock_was_set_ > 0)
       findings.remarks.push_back(fmt::format(
-          "the clock was set, or the machine slept, {} times, by {:.3f} s at the last. Nothing is "
-          "judged across that",
+          "the clock was set, or the machine slept, {} times, by {:.3f} s at the last. No age and no "
+          "loss is known across that",
           clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
     return findings;
   }
@@ -155,6 +158,7 @@ class InProcesses final : public Sensor {
     read();
     is_paused_ = true;
     paused_ns_ = now_ns();
+    keep_outages();
     shared_.clear();
     everywhere_.clear();
     for (auto& [id, own] : of_process_) {
@@ -175,6 +179,19 @@ class InProcesses final : public Sensor {
   }
 
  private:
+  // Each flow's longest before a pause, which silence is not judged across.
+  void keep_outages() {
+    std::map<std::uint64_t, Outage> kept;
+    for (const auto& flow : findings().flows) {
+      if (flow.silent_ns == 0) continue;
+      const bool goes_on = flow.silent_until == Flow::SilentUntil::end;
+      kept[flow.id] = {flow.silent_ns, goes_on ? Flow::SilentUntil::pause : flow.silent_until};
+      if (const auto before = outages_.find(flow.id); before != outages_.end())
+        kept[flow.id] = std::max(kept[flow.id], before->second);
+    }
+    outages_ = std::move(kept);
+  }
+
   void read() {
     follow_clock();
     const auto from_ns = now_ns();
@@ -193,7 +210,7 @@ class InProcesses final : public Sensor {
       ++clock_was_set_;
       clock_was_set_by_ns_ = set_by_ns;
       // Set back, an earlier stamp looks later.
-      messages_.interrupt(at_ns + std::clamp<std::int64_t>(-set_by_ns, 0, most_interrupted_ns));
+      messages_.forget_stamps(at_ns + std::clamp<std::int64_t>(-set_by_ns, 0, most_interrupted_ns));
     }
     realtime_ahead_ns_ = ahead_ns;
     clock_read_ns_ = at_ns;
@@ -265,12 +282,13 @@ class InProcesses final : public Sensor {
         wishes.messages.push_back({function, probes_->progs.turn, nullptr, {.endpoint = Wish::none}});
     if (library.is_on_overlay)
       set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes.messages);
-    else if (!everywhere_.contains(library.file) && set(library, -1, shared_, wishes.messages))
-      everywhere_.insert(library.file);
+    else if (!everywhere_.contains({library.middleware, library.file}) &&
+             set(library, -1, shared_, wishes.messages))
+      everywhere_.emplace(library.middleware, library.file);
   }
 
   void probe_fastdds(const Process& process, const Mapping& library) {
-    if (!library.is_on_overlay && everywhere_.contains(library.file)) return;
+    if (!library.is_on_overlay && everywhere_.contains({library.middleware, library.file})) return;
     const auto wishes = fastdds_wishes(*probes_, library.path);
     if (!wishes) {
       remark(
@@ -465,7 +483,8 @@ class InProcesses final : public Sensor {
   std::optional<ProbeCosts> costs_;
   Calls counted_before_{};
   std::vector<Link> shared_;
-  std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
+  // Files with probes for all processes; another user may map one by another middleware's name.
+  std::set<std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>> everywhere_;
   std::map<std::uint32_t, OfProcess> of_process_;
   std::set<std::uint32_t> ros_;  // processes that have mapped an rmw
   std::set<std::string> remarks_;
@@ -477,6 +496,8 @@ class InProcesses final : public Sensor {
   std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to leave off; the latest event's time
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
+  using Outage = std::pair<std::int64_t, Flow::SilentUntil>;
+  std::map<std::uint64_t, Outage> outages_;  // by flow
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;
 };
 

@@ -94,10 +94,12 @@ struct Flow {
   // Under way while ontime set or removed probes: taken, but neither late nor in `period` and `age`; not
   // taken, but not in `lost`.
   std::uint64_t not_judged = 0, lost_not_judged = 0;
-  // From its last message to the end of listening, or until a flow of the same names began in its place,
-  // where that is beyond a limit.
+  // From its last message on, where that is beyond a limit.
   std::int64_t silent_ns = 0;
-  bool was_replaced = false;  // by such a one, as when a node starts again
+  // Until listening ended; or a flow of the same names began, of a node that started again; or listening
+  // paused.
+  enum class SilentUntil : std::uint8_t { end, began_again, pause } silent_until = SilentUntil::end;
+  bool has_ended = false;  // a process of it has
   double rate_hz() const;
 };
 
@@ -235,10 +237,12 @@ struct Findings {
   std::vector<Chain> chains;      // as asked
   std::uint64_t sensor_lost = 0;  // events or packets that the sensor itself had no room for
   std::map<std::string, std::uint64_t> misses_left_out;  // by topic: that take_misses() had no room for
-  // Flows of processes that ended, and that `flows` has no room for.
-  struct {
+  // Flows of processes that ended, and that `flows` has no room for, by topic.
+  struct Forgotten {
     std::uint64_t flows = 0, messages = 0, with_misses = 0;
-  } forgotten;
+  };
+  std::map<std::string, Forgotten> forgotten;
+  Forgotten all_forgotten() const;
   std::vector<std::string> remarks;  // what the sensors could not see, and why
   std::optional<Cost> cost;          // of probes; empty: not measured
 };

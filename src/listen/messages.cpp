@@ -46,23 +46,29 @@ void Messages::retire(std::uint32_t process) {
   for (auto link = links_.begin(); link != links_.end();) {
     const auto one = link++;
     const auto& publisher = one->second.publisher;
-    if (std::get<0>(one->first) == process || (publisher && publisher->first == process)) retire(one);
+    if (std::get<0>(one->first) == process || (publisher && publisher->first == process)) retire(one, true);
   }
   for (auto publisher = publishers_.lower_bound({process, 0});
        publisher != publishers_.end() && publisher->first.first == process;)
-    retire(publisher++);
+    retire(publisher++, true);
   std::erase_if(topics_, [&](const auto& one) { return one.first.first == process; });
   for (auto& chain : chains_) chain.retire(process);
   processes_.erase(process);
 }
 
-void Messages::retire(std::map<Writer, Link>::iterator link) {
-  keep(flow_of(link->first, link->second));
+void Messages::retire(std::map<Writer, Link>::iterator link, bool has_ended) {
+  auto flow = flow_of(link->first, link->second);
+  flow.has_ended |= has_ended;
+  keep(std::move(flow));
   links_.erase(link);
 }
 
-void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher) {
-  if (!publisher->second.has_reader) keep(flow_of(publisher->first, publisher->second));
+void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher, bool has_ended) {
+  if (!publisher->second.has_reader) {
+    auto flow = flow_of(publisher->first, publisher->second);
+    flow.has_ended |= has_ended;
+    keep(std::move(flow));
+  }
   publishers_.erase(publisher);
 }
 
@@ -70,7 +76,9 @@ void Messages::keep(Flow&& flow) {
   ended_.push_back(std::move(flow));
   if (ended_.size() <= most_ended) return;
   const auto& oldest = ended_.front();
-  auto& [flows, messages, with_misses] = dropped_.forgotten;
+  // Names of topics without end are another's mischief.
+  const bool is_named = forgotten_.size() < most_names || forgotten_.contains(oldest.topic);
+  auto& [flows, messages, with_misses] = forgotten_[is_named ? oldest.topic : ""];
   ++flows;
   messages += oldest.messages;
   // Where a gap is limited, it has fallen silent.
@@ -128,8 +136,13 @@ void Messages::interrupt(std::int64_t until_ns) {
 
 void Messages::begin_anew() {
   for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
+  for (auto& [key, link] : links_) link.is_broken = true;
+  forget_stamps(interrupted_until_ns_);
+}
+
+void Messages::forget_stamps(std::int64_t until_ns) {
+  interrupted_until_ns_ = until_ns;
   for (auto& [key, link] : links_) {
-    link.is_broken = true;
     link.sequence.restart();
     link.rows.restart();
   }
@@ -394,9 +407,11 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
             .duplicated = link.duplicated,
             .reordered = link.reordered,
             .late = link.late,
-            .not_judged = link.not_judged};
+            .not_judged = link.not_judged,
+            .has_ended = ended_at_.contains(std::get<0>(writer))};
   if (link.publisher) {
     flow.writer = party(link.publisher->first);
+    flow.has_ended |= ended_at_.contains(link.publisher->first);
     flow.age = link.age;
     flow.lost = link.sequence.lost() - link.lost_not_judged;
     flow.lost_not_judged = link.lost_not_judged;
@@ -413,11 +428,13 @@ Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) con
           .last_ns = publisher.last_ns,
           .period = publisher.period,
           .late = publisher.late,
-          .not_judged = publisher.not_judged};
+          .not_judged = publisher.not_judged,
+          .has_ended = ended_at_.contains(endpoint.first)};
 }
 
 Findings Messages::findings() const {
-  Findings findings{dropped_};
+  Findings findings;
+  findings.forgotten = forgotten_;
   findings.misses_left_out = misses_.left_out();
   for (const auto& chain : chains_) findings.chains.push_back(chain.findings());
   auto& flows = findings.flows;

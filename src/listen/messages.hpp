@@ -66,6 +66,8 @@ class Messages {
   // Until then some were not observed: nothing counts across that time, and of one published in it nothing is
   // known.
   void interrupt(std::int64_t until_ns);
+  // The clock of stamps was set: those until then tell nothing. Periods are of another clock.
+  void forget_stamps(std::int64_t until_ns);
   // Before what was observed since then.
   void add_probing(std::int64_t from_ns, std::int64_t to_ns) { probing_.add(from_ns, to_ns); }
 
@@ -139,8 +141,8 @@ class Messages {
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
   void retire(std::uint32_t process);
-  void retire(std::map<Writer, Link>::iterator);
-  void retire(std::map<Endpoint, Publisher>::iterator);
+  void retire(std::map<Writer, Link>::iterator, bool has_ended = false);
+  void retire(std::map<Endpoint, Publisher>::iterator, bool has_ended = false);
   void keep(Flow&&);
   template <class Key, class One>
   One* one_of(std::map<Key, One>&, const Key&, std::int64_t now_ns);
@@ -158,7 +160,7 @@ class Messages {
   std::map<Writer, Link> links_;
   std::map<std::uint32_t, std::int64_t> ended_at_;  // by process
   std::deque<Flow> ended_;
-  Findings dropped_;  // counts only
+  std::map<std::string, Findings::Forgotten> forgotten_;
   std::uint64_t left_out_ = 0, last_id_ = 0;
   // What was published before is not known, or only its publish may be missing.
   std::int64_t interrupted_until_ns_ = 0, lost_until_ns_ = 0;

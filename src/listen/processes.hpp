@@ -6,7 +6,9 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "listen/library.hpp"
@@ -52,7 +54,7 @@ class Processes {
   struct Known {
     std::uint64_t started = 0;  // in ticks after boot: another process may get the same number
     std::chrono::steady_clock::time_point first, again;  // when its libraries were looked at
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> files;
+    std::set<std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>> files;
   };
   std::map<std::uint32_t, Known> known_;
 };

@@ -42,6 +42,7 @@ TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& value
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
+  using SilentUntil = listen::Flow::SilentUntil;
   return {.messages = flow.messages,
           .late = flow.late,
           .not_judged = flow.not_judged,
@@ -51,7 +52,9 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age) : Spread{},
           .period = spread_of(flow.period),
-          .silent_ns = flow.silent_ns};
+          .silent_ns = flow.silent_until == SilentUntil::began_again ? std::nullopt
+                       : flow.silent_until == SilentUntil::pause     ? 0
+                                                                     : std::optional(flow.silent_ns)};
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
@@ -77,7 +80,7 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
       (series.*member).counts[i] += more((before.*member).counts[i], (now.*member).counts[i]);
     (series.*member).sum_ns += std::max((now.*member).sum_ns - (before.*member).sum_ns, 0.0);
   }
-  series.silent_ns = std::min(series.silent_ns.value_or(*now.silent_ns), *now.silent_ns);
+  if (now.silent_ns) series.silent_ns = std::min(series.silent_ns.value_or(*now.silent_ns), *now.silent_ns);
   series.look = now.look;
 }
 
