@@ -164,7 +164,7 @@ TEST_F(Bags, ClockThatWentBackBetweenTwoFilesMakesNoLiveTopicSilent) {
   const auto file = [](std::int64_t from_ns, bool has_third) {
     std::string records = channel(1, 0, "/a") + channel(2, 0, "/b") + channel(3, 0, "/dead");
     for (int i = 0; i < 200; ++i)
-      for (const std::uint16_t topic : {1, 2, 3})
+      for (const auto topic : std::initializer_list<std::uint16_t>{1, 2, 3})
         if (topic < 3 || has_third) records += message(topic, {from_ns + i * 10 * ms});
     return mcap(records);
   };

@@ -108,6 +108,7 @@ TEST_F(Bounded, ABurstDoesNotExceedIt) {
           sample.sent_ns + static_cast<std::int64_t>(index == 100 * miss ? miss + 20 : 1) * ms;
     }
     writer.append(run, around);
+    writer.note(run, {cause_of_late, std::string(300, 'x'), around[samples_around].received_ns, 100 * miss});
     writer.trace(
         run, {"controller",
               {{100 * miss, around[samples_around].sent_ns, around[samples_around].received_ns}, true, {}}});

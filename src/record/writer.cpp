@@ -33,9 +33,9 @@ constexpr std::chrono::milliseconds commit_interval{500};
 
 // 350 MB: of 100 Hz half a day.
 constexpr std::size_t most_waiting = 4'000'000;
-// What a file that is bounded takes for one. What waits is written at once, before there is room for it: so
-// no more waits than a sixteenth of such a file.
-constexpr std::uint64_t bytes_a_sample = 40;
+// What a file that is bounded takes for one. What waits is written at once, before there is room for it, to
+// the log and to the file: so no more waits than a thirty-second of such a file.
+constexpr std::uint64_t bytes_a_sample = 40, waits_of_all = 32;
 
 }  // namespace
 
@@ -86,7 +86,7 @@ class Writer::Thread {
   void keep_worst(std::uint64_t bytes) {
     ask([bytes](Database& database) { database.keep_worst(bytes); });
     const std::lock_guard lock(mutex_);
-    most_waiting_ = std::clamp<std::uint64_t>(bytes / 16 / bytes_a_sample, 2, most_waiting);
+    most_waiting_ = std::clamp<std::uint64_t>(bytes / waits_of_all / bytes_a_sample, 2, most_waiting);
   }
 
   [[noreturn]] void refuse(const std::string& what) const {
@@ -162,7 +162,7 @@ class Writer::Thread {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Batch> batch_;
-  std::size_t waiting_ = 0;  // samples of the batch
+  std::size_t waiting_ = 0;  // of the batch: samples, and notes and outcomes as so many as take their room
   std::size_t most_waiting_ = most_waiting;
   std::function<void()> question_;
   std::exception_ptr failure_;
@@ -216,7 +216,8 @@ void Writer::note(std::int64_t run, const Note& note) {
   thread_->require(run, "note something of");
   if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
     thread_->refuse(fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
-  thread_->hand_over(0, [&](Batch& batch) { batch.notes.emplace_back(run, note); });
+  thread_->hand_over(1 + note.text.size() / bytes_a_sample,
+                     [&](Batch& batch) { batch.notes.emplace_back(run, note); });
 }
 
 void Writer::trace(std::int64_t run, const Trace& trace) {
@@ -237,7 +238,8 @@ void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
 void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
   thread_->require_open(run, "note an outcome of");
   auto text = thread_->checked_text_of(outcome);
-  thread_->hand_over(0, [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
+  thread_->hand_over(text.size() / bytes_a_sample,
+                     [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
 }
 
 void Writer::keep_worst(std::uint64_t bytes) { thread_->keep_worst(bytes); }
