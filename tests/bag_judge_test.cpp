@@ -177,18 +177,62 @@ TEST_F(Bags, ClockThatWentBackBetweenTwoFilesMakesNoLiveTopicSilent) {
   EXPECT_NEAR(static_cast<double>(findings.flows.at(2).silent_ns), 2e9, 0.02e9);
 }
 
+// A topic that began only after the clock was set back knows nothing of it; nor does one of few messages.
+TEST_F(Bags, ClockThatWentBackIsBelievedWhereNoOtherTopicCanTell) {
+  for (const bool has_third : {false, true}) {
+    std::string records = channel(1, 0, "/a") + channel(2, 0, "/dead") + channel(3, 0, "/new");
+    for (int i = 0; i < 2000; ++i) {
+      const auto at_ns = start + (i < 500 ? 360'000 + i : i) * 10 * ms;  // an hour back after 5 s
+      records += message(1, {at_ns});
+      if (i < 400) records += message(2, {at_ns});
+      if (i >= 600 && has_third) records += message(3, {at_ns});
+    }
+    const auto findings = judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}});
+    EXPECT_EQ(findings.flows.at(0).silent_ns, 0);
+    EXPECT_NEAR(static_cast<double>(findings.flows.at(1).silent_ns), 16e9, 0.05e9);
+    EXPECT_EQ(findings.flows.back().silent_ns > 1'000'000'000, !has_third) << "/new, or /dead";
+  }
+}
+
+TEST_F(Bags, ClockThatWentBackTwiceHidesNoTopicThatDied) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/dead");
+  for (int i = 0; i < 3000; ++i) {
+    const auto at_ns = start + (i % 1000 + 1'000'000 - i / 1000 * 360'000) * 10 * ms;
+    records += message(1, {at_ns});
+    if (i < 500) records += message(2, {at_ns});
+  }
+  const auto findings = judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(0).silent_ns, 0);
+  EXPECT_NEAR(static_cast<double>(findings.flows.at(1).silent_ns), 25e9, 0.05e9);
+}
+
+TEST_F(Bags, TopicThatIsOftenLateHidesNoGapOfSlowerOnes) {
+  std::string records = channel(1, 0, "/odd") + channel(2, 0, "/slow") + channel(3, 0, "/slower");
+  for (int i = 0; i < 10'000; ++i) {
+    const auto at_ns = start + (6000 + i) * 10 * ms;
+    records += message(1, {at_ns - (i % 2 == 0 ? 60'000 * ms : 0)});
+    if (i % 100 == 0 && (i < 4000 || i > 5000)) records += message(2, {at_ns});
+    if (i % 500 == 0) records += message(3, {at_ns});
+  }
+  const auto findings = judged_mcap(mcap(records), {.deadline = 7s, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(1).late, 1U) << "11 s";
+  EXPECT_EQ(findings.flows.at(2).period.count(), 19U);
+  EXPECT_EQ(findings.flows.at(2).silent_ns, 0);
+}
+
 // Some recorders write what is latched into each file again, with its first time.
 TEST_F(Bags, TopicsThatEachFileRepeatsAreNoClockThatWasSet) {
   fs::create_directory(folder_ / "bag");
-  for (int number = 0; number < 2; ++number) {
+  for (int number = 0; number < 4; ++number) {
     std::string records = channel(1, 0, "/map") + channel(2, 0, "/tf_static") + channel(3, 0, "/a");
-    records += message(1, {start}) + message(2, {start});
-    for (int i = 0; i < 1000; ++i) records += message(3, {start + (number * 1000 + i) * 10 * ms});
+    for (int i = 0; i < 3; ++i) records += message(1, {start + i * ms}) + message(2, {start + i * ms});
+    for (int i = 0; i < 1500; ++i) records += message(3, {start + (number * 1500 + i) * 10 * ms});
     write(fmt::format("bag/bag_{}.mcap", number), mcap(records));
   }
   const auto findings = judged((folder_ / "bag").string(), {.deadline = 500ms, .period = {}, .age = {}});
   EXPECT_EQ(findings.flows.at(0).topic, "/a");
-  EXPECT_EQ(findings.flows.at(0).period.count(), 1999U);
+  EXPECT_EQ(findings.flows.at(0).period.count(), 5999U);
+  EXPECT_THAT(findings.remarks, testing::Not(testing::Contains(HasSubstr("no topic was recorded"))));
   EXPECT_EQ(findings.flows.at(0).late, 0U);
 }
 

@@ -229,11 +229,14 @@ TEST(Silence, EndsWhereAFlowOfTheSameNamesBegins) {
     return all[0];
   };
   EXPECT_EQ(judged(3'000'000'000).silent_ns, 2'000'000'000);
-  EXPECT_EQ(judged(3'000'000'000).silent_until, Flow::SilentUntil::began_again);
+  EXPECT_TRUE(judged(3'000'000'000).was_replaced);
   EXPECT_EQ(judged(1'010'000'000).silent_ns, 0) << "in time";
   EXPECT_EQ(judged(500'000'000).silent_ns, 59'000'000'000) << "it was there before";
   flows[0].has_ended = false;
   EXPECT_EQ(judged(3'000'000'000).silent_ns, 59'000'000'000) << "it hangs, and another has its name";
+  flows[0].writer.process = 7;
+  EXPECT_EQ(judged(3'000'000'000).silent_ns, 2'000'000'000)
+      << "its process ended a publisher and began another";
 }
 
 TEST(Period, HalfAsMuchAgainIsNoGap) {

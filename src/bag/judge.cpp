@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <limits>
 
 #include <fmt/format.h>
 
@@ -56,77 +55,77 @@ void Judge::add(const Message& message) {
   const auto step_ns = message.recorded_ns - std::exchange(before_ns_, message.recorded_ns);
   // A robot without a battery for its clock starts in 1970, until the network tells the time.
   if (std::abs(step_ns) > one_year_ns) {
-    believe_doubt();
+    doubt_.reset();
     origin_ns_ += step_ns;
     ++times_set_;
-  } else if (step_ns > long_pause_ns && streams_.size() > 1) {
-    ++pauses_;
-    longest_pause_ns_ = std::max(longest_pause_ns_, step_ns);
   }
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
   watch_clock(*stream, message);
+  if (const auto pause_ns = at_ns(message) - until_ns_; pause_ns > long_pause_ns && streams_.size() > 1) {
+    ++pauses_;
+    longest_pause_ns_ = std::max(longest_pause_ns_, pause_ns);
+  }
   until_ns_ = std::max(until_ns_, at_ns(message));
   if (stream->messages == 0) stream->first_ns = at_ns(message);
   const bool came_late = stream->messages > 0 && judge_period(*stream, message);
   const bool was_old = judge_age(*stream, message);
   stream->late += came_late || was_old ? 1 : 0;
   ++stream->messages;
+  ++stream->since_back;
   stream->last_ns = at_ns(message);
   stream->times_set = times_set_;
 }
 
-// Where the clock was set back, the next message of every topic goes back. Where one alone does, its own
-// times were ahead, or come late; which of all is shown by the first other topic that can tell.
+// Where the clock was set back, the next message of every topic goes back. So it counts as set back when one
+// does, until a topic that was there before goes on as before, or that one does: then its own times were odd.
 void Judge::watch_clock(Stream& stream, const Message& message) {
-  const auto can_tell = [this](const Stream& one) {
-    return one.times_set == times_set_ && (one.messages >= enough_to_tell || streams_.size() == 1);
-  };
-  if (!can_tell(stream)) return;
-  const bool goes_back = at_ns(message) < stream.last_ns - set_back_ns;
-  if (doubt_ && doubt_->stream != &stream) {
-    if (stream.last_ns <= doubt_->from_ns + set_back_ns) return;
-    if (goes_back) return believe_doubt();
-    doubt_.reset();
-    until_ns_ = latest_but(nullptr);
+  const bool is_known = stream.since_back >= enough_to_tell || streams_.size() == 1;
+  if (doubt_) {
+    const auto by_the_old_ns = at_ns(message) - doubt_->by_ns;
+    const bool can_tell =
+        is_known && stream.times_set + 1 == times_set_ && stream.last_ns > doubt_->from_ns + set_back_ns;
+    const bool goes_back = by_the_old_ns < stream.last_ns - set_back_ns;
+    if ((can_tell && !goes_back) ||
+        (doubt_->stream == &stream && by_the_old_ns >= doubt_->from_ns + doubt_->by_ns))
+      return end_doubt();
+    if (can_tell) doubt_.reset();
+  }
+  if (stream.times_set != times_set_ || at_ns(message) >= stream.last_ns - set_back_ns) return;
+  stream.since_back = 0;
+  const auto from_ns = at_ns(message);
+  if (const auto others_ns = latest_of_others(&stream); others_ns && *others_ns <= from_ns + set_back_ns) {
+    until_ns_ = std::max(*others_ns, from_ns);  // it was ahead of all others
     return;
   }
-  if (!goes_back) return;
-  believe_doubt();  // the same topic has gone back before, and no other one spoke against it
-  const auto from_ns = at_ns(message), others_ns = latest_but(&stream);
+  if (!is_known) return;
   stream.latest_written_ns = 0;
-  if (streams_.size() > 1 && others_ns <= from_ns + set_back_ns) {
-    until_ns_ = std::max(others_ns, from_ns);
-    return;
-  }
-  const auto by_ns = until_ns_ - from_ns;
-  if (streams_.size() > 1)
-    doubt_ = {.stream = &stream, .from_ns = from_ns, .by_ns = by_ns};
-  else
-    set_clock_back(by_ns);
-}
-
-// Time goes on from where it was.
-void Judge::set_clock_back(std::int64_t by_ns) {
-  origin_ns_ -= by_ns;
+  doubt_.reset();
+  if (streams_.size() > 1) doubt_ = {.stream = &stream, .from_ns = from_ns, .by_ns = until_ns_ - from_ns};
+  origin_ns_ -= until_ns_ - from_ns;  // time goes on from where it was
   ++times_set_;
 }
 
-std::int64_t Judge::latest_but(const Stream* stream) const {
-  std::int64_t latest_ns = std::numeric_limits<std::int64_t>::min();
-  for (const auto& [key, other] : streams_)
-    if (&other != stream && other.messages > 0 && other.times_set == times_set_)
-      latest_ns = std::max(latest_ns, other.last_ns);
-  return latest_ns;
+// The clock was not set.
+void Judge::end_doubt() {
+  origin_ns_ += doubt_->by_ns;
+  --times_set_;
+  for (auto& [key, stream] : streams_)
+    if (stream.times_set > times_set_) {
+      stream.last_ns -= doubt_->by_ns;
+      stream.times_set = times_set_;
+    }
+  until_ns_ = latest_of_others(nullptr).value_or(until_ns_);
+  doubt_.reset();
 }
 
-void Judge::believe_doubt() {
-  if (!doubt_) return;
-  set_clock_back(doubt_->by_ns);
-  doubt_->stream->last_ns += doubt_->by_ns;
-  doubt_->stream->times_set = times_set_;
-  until_ns_ = std::max(until_ns_, doubt_->stream->last_ns);
-  doubt_.reset();
+// Of all streams since the clock was set, but this one.
+std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const {
+  std::optional<std::int64_t> latest_ns;
+  for (const auto& [key, other] : streams_)
+    if (&other != stream && other.messages > 0 && other.times_set == times_set_)
+      latest_ns = std::max(latest_ns.value_or(other.last_ns), other.last_ns);
+  return latest_ns;
 }
 
 void Judge::end_file() {
@@ -297,14 +296,8 @@ listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
 listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
-  auto until_ns = until_ns_;
-  for (const auto& [key, stream] : streams_) {
-    auto& flow = findings.flows.emplace_back(flow_of(key, stream));
-    if (!doubt_ || doubt_->stream != &stream) continue;
-    flow.last_ns += doubt_->by_ns;
-    until_ns = std::max(until_ns, flow.last_ns);
-  }
-  listen::judge_silence(findings.flows, limits_, until_ns);
+  for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
+  listen::judge_silence(findings.flows, limits_, until_ns_);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(

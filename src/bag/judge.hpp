@@ -41,6 +41,7 @@ class Judge {
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
     std::uint64_t times_set = 0;             // until its last message
+    std::uint64_t since_back = 0;            // messages since its times went back
     std::int64_t latest_written_ns = 0;      // by stamp or publish time
     std::uint64_t in_file = 0;               // messages, of the file that is read
     std::uint64_t number_before = 0;         // of the message before; 0: not noted
@@ -67,9 +68,8 @@ class Judge {
   std::int64_t at_ns(const Message& message) const { return message.recorded_ns - origin_ns_; }
   Stream* stream_of(const Topic&);
   void watch_clock(Stream&, const Message&);
-  std::int64_t latest_but(const Stream*) const;  // of those that came since the clock was set last
-  void believe_doubt();
-  void set_clock_back(std::int64_t by_ns);
+  void end_doubt();
+  std::optional<std::int64_t> latest_of_others(const Stream*) const;
   bool is_of_file(const Stream&, std::uint64_t number);
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
@@ -86,10 +86,11 @@ class Judge {
     bool has_several = false, rises = true;
   };
 
-  // One topic went back: was the recorder's clock set? If no other topic tells, it was.
+  // One topic went back: was the recorder's clock set, as at_ns() takes it for? If nothing speaks against it,
+  // it was.
   struct Doubt {
-    Stream* stream;
-    std::int64_t from_ns, by_ns;  // at_ns() of its first message there; by how much time went back
+    const Stream* stream;
+    std::int64_t from_ns, by_ns;  // of its first message, by the clock before; by how much time went back
   };
 
   const listen::Limits limits_;

@@ -24,9 +24,11 @@ std::int64_t value_of(std::size_t bucket) {
   return static_cast<std::int64_t>(least + ((std::size_t{1} << magnitude) >> 1U));
 }
 
-// A node that hangs may be one of two that have its name.
+// Two nodes may have one name, and one of them may hang: so another process takes the place only of one that
+// has ended. A process may also end a publisher and begin another.
 bool takes_its_place(const Flow& other, const Flow& flow) {
-  return flow.has_ended && other.first_ns > flow.last_ns && !flow.topic.empty() &&
+  const bool is_same = flow.writer.process != 0 && other.writer == flow.writer && other.reader == flow.reader;
+  return (flow.has_ended || is_same) && other.first_ns > flow.last_ns && !flow.topic.empty() &&
          other.topic == flow.topic && other.writer.name == flow.writer.name &&
          other.reader.name == flow.reader.name;
 }
@@ -98,7 +100,7 @@ void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t 
     for (const auto& other : flows)
       if (takes_its_place(other, flow)) {
         end_ns = std::min(end_ns, other.first_ns);
-        flow.silent_until = Flow::SilentUntil::began_again;
+        flow.was_replaced = true;
       }
     if (limits.is_gap(end_ns - begun_ns)) flow.silent_ns = end_ns - begun_ns;
   }

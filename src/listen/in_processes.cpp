@@ -121,8 +121,9 @@ class InProcesses final : public Sensor {
     auto findings = messages_.findings();
     judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : read_ns_ - unread_ns, resumed_ns_);
     for (auto& flow : findings.flows)
-      if (const auto outage = outages_.find(flow.id); outage != outages_.end() && flow.silent_ns == 0)
-        std::tie(flow.silent_ns, flow.silent_until) = outage->second;
+      if (const auto outage = outages_.find(flow.id);
+          outage != outages_.end() && outage->second != flow.silent_ns)  // which it is until a pause ends
+        flow.outage_ns = outage->second;
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
@@ -157,7 +158,7 @@ class InProcesses final : public Sensor {
   void pause() override {
     read();
     is_paused_ = true;
-    paused_ns_ = now_ns();
+    paused_ns_ = read_ns_ - unread_ns;
     keep_outages();
     shared_.clear();
     everywhere_.clear();
@@ -179,16 +180,12 @@ class InProcesses final : public Sensor {
   }
 
  private:
-  // Each flow's longest before a pause, which silence is not judged across.
+  // Across a pause no silence is judged.
   void keep_outages() {
-    std::map<std::uint64_t, Outage> kept;
-    for (const auto& flow : findings().flows) {
-      if (flow.silent_ns == 0) continue;
-      const bool goes_on = flow.silent_until == Flow::SilentUntil::end;
-      kept[flow.id] = {flow.silent_ns, goes_on ? Flow::SilentUntil::pause : flow.silent_until};
-      if (const auto before = outages_.find(flow.id); before != outages_.end())
-        kept[flow.id] = std::max(kept[flow.id], before->second);
-    }
+    std::map<std::uint64_t, std::int64_t> kept;
+    for (const auto& flow : findings().flows)
+      if (const auto longest_ns = std::max(flow.silent_ns, flow.outage_ns); longest_ns > 0)
+        kept[flow.id] = longest_ns;
     outages_ = std::move(kept);
   }
 
@@ -496,8 +493,7 @@ class InProcesses final : public Sensor {
   std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to leave off; the latest event's time
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
-  using Outage = std::pair<std::int64_t, Flow::SilentUntil>;
-  std::map<std::uint64_t, Outage> outages_;  // by flow
+  std::map<std::uint64_t, std::int64_t> outages_;  // the longest of each flow, by its id
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;
 };
 

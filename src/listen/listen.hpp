@@ -94,12 +94,12 @@ struct Flow {
   // Under way while ontime set or removed probes: taken, but neither late nor in `period` and `age`; not
   // taken, but not in `lost`.
   std::uint64_t not_judged = 0, lost_not_judged = 0;
-  // From its last message on, where that is beyond a limit.
+  // From its last message to the end of listening, or until a flow of the same names began in its place,
+  // where that is beyond a limit.
   std::int64_t silent_ns = 0;
-  // Until listening ended; or a flow of the same names began, of a node that started again; or listening
-  // paused.
-  enum class SilentUntil : std::uint8_t { end, began_again, pause } silent_until = SilentUntil::end;
-  bool has_ended = false;  // a process of it has
+  bool was_replaced = false;   // by such a one, as when a node starts again
+  std::int64_t outage_ns = 0;  // its longest silence that lasted until listening paused
+  bool has_ended = false;      // its writer's or its reader's process has
   double rate_hz() const;
 };
 

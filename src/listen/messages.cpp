@@ -30,7 +30,8 @@ Messages::Messages(const Limits& limits, std::vector<ChainWish> chains) : limits
 }
 
 void Messages::begin_process(std::uint32_t process, const std::string& name) {
-  if (ended_at_.erase(process) > 0) retire(process);  // another had the same number
+  if (ended_at_.contains(process)) retire(process);  // another had the same number
+  ended_at_.erase(process);
   processes_[process] = name;
 }
 
@@ -46,29 +47,23 @@ void Messages::retire(std::uint32_t process) {
   for (auto link = links_.begin(); link != links_.end();) {
     const auto one = link++;
     const auto& publisher = one->second.publisher;
-    if (std::get<0>(one->first) == process || (publisher && publisher->first == process)) retire(one, true);
+    if (std::get<0>(one->first) == process || (publisher && publisher->first == process)) retire(one);
   }
   for (auto publisher = publishers_.lower_bound({process, 0});
        publisher != publishers_.end() && publisher->first.first == process;)
-    retire(publisher++, true);
+    retire(publisher++);
   std::erase_if(topics_, [&](const auto& one) { return one.first.first == process; });
   for (auto& chain : chains_) chain.retire(process);
   processes_.erase(process);
 }
 
-void Messages::retire(std::map<Writer, Link>::iterator link, bool has_ended) {
-  auto flow = flow_of(link->first, link->second);
-  flow.has_ended |= has_ended;
-  keep(std::move(flow));
+void Messages::retire(std::map<Writer, Link>::iterator link) {
+  keep(flow_of(link->first, link->second));
   links_.erase(link);
 }
 
-void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher, bool has_ended) {
-  if (!publisher->second.has_reader) {
-    auto flow = flow_of(publisher->first, publisher->second);
-    flow.has_ended |= has_ended;
-    keep(std::move(flow));
-  }
+void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher) {
+  if (!publisher->second.has_reader) keep(flow_of(publisher->first, publisher->second));
   publishers_.erase(publisher);
 }
 

@@ -141,8 +141,8 @@ class Messages {
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
   void retire(std::uint32_t process);
-  void retire(std::map<Writer, Link>::iterator, bool has_ended = false);
-  void retire(std::map<Endpoint, Publisher>::iterator, bool has_ended = false);
+  void retire(std::map<Writer, Link>::iterator);
+  void retire(std::map<Endpoint, Publisher>::iterator);
   void keep(Flow&&);
   template <class Key, class One>
   One* one_of(std::map<Key, One>&, const Key&, std::int64_t now_ns);

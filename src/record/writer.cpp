@@ -35,7 +35,7 @@ constexpr std::chrono::milliseconds commit_interval{500};
 constexpr std::size_t most_waiting = 4'000'000;
 // What a file that is bounded takes for one. What waits is written at once, before there is room for it, to
 // the log and to the file: so no more waits than a thirty-second of such a file.
-constexpr std::uint64_t bytes_a_sample = 40, waits_of_all = 32;
+constexpr std::uint64_t bytes_a_sample = 40, file_to_waiting = 32;
 
 }  // namespace
 
@@ -86,7 +86,7 @@ class Writer::Thread {
   void keep_worst(std::uint64_t bytes) {
     ask([bytes](Database& database) { database.keep_worst(bytes); });
     const std::lock_guard lock(mutex_);
-    most_waiting_ = std::clamp<std::uint64_t>(bytes / waits_of_all / bytes_a_sample, 2, most_waiting);
+    most_waiting_ = std::clamp<std::uint64_t>(bytes / file_to_waiting / bytes_a_sample, 2, most_waiting);
   }
 
   [[noreturn]] void refuse(const std::string& what) const {
@@ -162,7 +162,8 @@ class Writer::Thread {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Batch> batch_;
-  std::size_t waiting_ = 0;  // of the batch: samples, and notes and outcomes as so many as take their room
+  std::size_t waiting_ =
+      0;  // of the batch, in samples: a note or an outcome counts as those that would take its room
   std::size_t most_waiting_ = most_waiting;
   std::function<void()> question_;
   std::exception_ptr failure_;

@@ -42,7 +42,6 @@ TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& value
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
-  using SilentUntil = listen::Flow::SilentUntil;
   return {.messages = flow.messages,
           .late = flow.late,
           .not_judged = flow.not_judged,
@@ -52,9 +51,7 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age) : Spread{},
           .period = spread_of(flow.period),
-          .silent_ns = flow.silent_until == SilentUntil::began_again ? std::nullopt
-                       : flow.silent_until == SilentUntil::pause     ? 0
-                                                                     : std::optional(flow.silent_ns)};
+          .silent_ns = flow.was_replaced ? std::nullopt : std::optional(flow.silent_ns)};
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
