@@ -208,8 +208,11 @@ TEST_F(Keeper, GivesAccountOfTrafficBothWays) {
   ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", to_json(stream)}});
   ask("begin", "begun");
   json account;
-  const auto is_known = [&](const char* host) { return !account[host]["to_component"]["bit_s"].is_null(); };
-  for (int look = 0; look < 600 && !(is_known("component") && is_known("controller")); ++look) {
+  const auto flows = [&](const char* host) {
+    const auto& rate = account[host]["to_component"]["bit_s"];
+    return rate.is_number() && rate > 0;
+  };
+  for (int look = 0; look < 600 && !(flows("component") && flows("controller")); ++look) {
     std::this_thread::sleep_for(50ms);
     account = ask("end", "ended").at("traffic");
   }

@@ -72,7 +72,7 @@ void check(Neighbours& neighbours) {
 void run_neighbours(Neighbours& neighbours) {
   require(eventually([&] { return neighbours.matched(); }), "they match");
   neighbours.start();
-  std::this_thread::sleep_for(50ms);
+  std::this_thread::sleep_for(1s);  // the other end may match later, and what was sent before is not for it
   neighbours.go();
   std::this_thread::sleep_for(2 * duration);
   require(eventually([&] { return neighbours.counters().received > 0; }), "the other end's came");

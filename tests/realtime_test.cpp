@@ -240,7 +240,13 @@ TEST(Service, IsPermittedByItsUnitAndWhatLoggedInThereIsNot) {
 
 TEST(Read, SaysTheNameAsItIs) {
   const Sleeper sleeper(") R 1 (x) y");
-  const auto state = read(sleeper.tid());
+  auto state = read(sleeper.tid());
+  // It may be about to sleep for the first time.
+  for (int look = 0; look < 1000 && state && state->voluntary_switches + state->involuntary_switches == 0;
+       ++look) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    state = read(sleeper.tid());
+  }
   ASSERT_TRUE(state);
   EXPECT_EQ(state->tid, sleeper.tid());
   EXPECT_EQ(state->name, ") R 1 (x) y");

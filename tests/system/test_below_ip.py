@@ -8,7 +8,7 @@ import pathlib
 import subprocess
 import unittest
 
-from program import ONTIME, Program, eventually, kill_at_once
+from program import ONTIME, Program, eventually, kill_at_once, pages_moved
 
 SCENARIO = """
 hosts: namespaces
@@ -29,15 +29,18 @@ def transports():
 
 class BelowIp(Program):
     def test_between_two_namespaces_nothing_is_lost(self):
+        before = pages_moved()
         answer = self.run_ontime("run", self.scenario("1 s", text=SCENARIO, transports=transports()), "--full", "--only",
                                  "listener,waitset", "--results", self.results)
+        moved = pages_moved() - before
         self.assertEqual(answer.returncode, 0, answer.stderr)
         runs = self.report()
         self.assertEqual(len(runs), 2 * len(transports()))
         for run in runs:
             with self.subTest(id=run["id"], transport=run["transport"]):
                 self.assertIsNone(run["error"])
-                self.assertGreater(run["sent"], 100)
+                self.assertEqual(run["sent"] + run["skipped_cycles"], 200)
+                self.assertGreater(run["sent"], 20)
                 self.assertEqual((run["lost"], run["duplicates"], run["strays"], run["dropped_records"]), (0, 0, 0, 0))
                 for host in ("controller", "component"):
                     facts = run["hosts"][host]["transport"]["facts"]
@@ -45,7 +48,8 @@ class BelowIp(Program):
                     self.assertEqual(run["hosts"][host]["losses"], {"on_the_way": None, "overwritten": 0})
                     for thread in run["hosts"][host]["threads"]:
                         if run["id"] == "waitset":
-                            self.assertEqual((thread["policy"], thread["priority"], thread["minor_faults"]), ("fifo", 80, 0))
+                            self.assertEqual((thread["policy"], thread["priority"]), ("fifo", 80))
+                            self.assertLessEqual(thread["minor_faults"], moved)
                     if run["transport"] == "xdp":
                         self.assertRegex(facts["xdp"], "^(native|generic) (zero-)?copy$")
                 if run["transport"] == "xdp":

@@ -51,7 +51,7 @@ class Components(Program):
                     self.assertEqual(run["conditions"]["ping_topic"], "/ping" if transport == "udp" else f"/{name}/ping")
                     self.assertEqual(run["sent"] + run["skipped_cycles"], 400)
                     self.assertGreater(run["on_time"] + run["late"], run["lost"])
-                    self.assertEqual(run["strays"], 0, "none answers another's")
+                    self.assertLessEqual(run["strays"], run["lost"], "none answers another's; one that came too late is lost")
                     self.assertEqual(run["duplicates"], 0)
                     self.assertLessEqual(run["hosts"]["component"]["answered"], run["sent"] + 10, "with its warm-up")
                     self.assertEqual([run["hosts"][host]["load_running"] for host in ("controller", "component")], [None, True])

@@ -105,10 +105,10 @@ class Listen(unittest.TestCase):
         until_probed(nodes)  # the topics' names are found within the first messages
         return listener
 
-    def end(self, listener, publisher, taker):
+    def end(self, listener, publisher, taker, last_take_s=0.5):
         begin(publisher)
         self.assertEqual(publisher.wait(600), 0)
-        time.sleep(0.5)
+        time.sleep(last_take_s)
         listener.send_signal(signal.SIGINT)
         code = listener.wait(120)
         taker.send_signal(signal.SIGTERM)
@@ -149,7 +149,7 @@ class Listen(unittest.TestCase):
         gaps = [after[1] - before[1] for before, after in zip(taken, taken[1:])]
         # The taker's own clock is read a little later: what is that near to the deadline may be either.
         sure, possible = (sum(gap > limit for gap in gaps) for limit in (17_000_000, 13_000_000))
-        self.assertGreaterEqual(sure, MESSAGES // 997)
+        self.assertGreaterEqual(sure, MESSAGES // 997 - 1, "each pause, but one that a standstill may split")
         self.assertLessEqual(flow["late"], possible)
         self.assertEqual(code, 1)
         self.assertIsNotNone(flow["age"])
@@ -397,7 +397,7 @@ runs:
     def test_what_is_beyond_64_messages_of_one_take_is_unseen_and_not_lost(self):
         publisher, taker = nodes = self.pair(3000, take_us=100_000)
         listener = self.listen(nodes)
-        code, seen = self.end(listener, publisher, taker)
+        code, seen = self.end(listener, publisher, taker, last_take_s=3)
         flow, = seen["flows"]
         taken = len(log_of(self.folder / "taken"))
         self.assertEqual((code, flow["lost"]), (0, 0))
@@ -411,7 +411,7 @@ runs:
         listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "20ms")
         code, seen = self.end(listener, publisher, taker)
         self.assertEqual(code, 1)
-        why = [miss["why"] for miss in seen["misses"]]
+        why = [miss["why"] for miss in seen["misses"] if miss["why"]]
         self.assertGreaterEqual(len(why), 3)
         for one in why:
             self.assertIsNone(one["culprit"], one)

@@ -22,9 +22,9 @@ runs:
 SEARCH = """
 hosts: namespaces
 repeat: 2
-defaults: {transport: [%s], period: 400 ms, deadline: 2 s, timeout: 2 s, duration: %s}
+defaults: {transport: [%s], period: 1 s, deadline: 5 s, timeout: 5 s, duration: %s}
 runs:
-  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
+  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [1 Hz, 2 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
 """
 OVERRUN = """
 hosts: namespaces
@@ -34,16 +34,16 @@ runs:
 """
 STARVED = """
 hosts: namespaces
-defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, warm-up: 50, duration: %s}
+defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, warm-up: 20, duration: %s}
 runs:
   - {id: up, search: neighbours.callback,
-     neighbours: {topics: 1, rate: 10 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
+     neighbours: {topics: 1, rate: 2 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
 """
 KILLED = """
 hosts: namespaces
-defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, duration: %s}
+defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, duration: %s}
 runs:
-  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 30 Hz], reliability: reliable}}
+  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [1 Hz, 2 Hz, 3 Hz], reliability: reliable}}
 """
 DDS = [name for name in TRANSPORTS if name != "udp"]
 
@@ -87,18 +87,18 @@ class Neighbours(Program):
                         self.assertEqual(thread["policy"], "fifo", (thread, refused))
 
     def test_are_turned_up_until_no_more_is_to_be_had_and_that_goes_on_where_it_was_left(self):
-        scenario = self.scenario("4 s", text=SEARCH, transports=DDS[:1])
+        scenario = self.scenario("5 s", text=SEARCH, transports=DDS[:1])
         answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("how far neighbours.rate can be turned up", answer.stdout)
         first = self.report()
         steps = [(run["variant"], run["repetition"]) for run in first]
-        self.assertEqual(steps[:4], [(f"neighbours.rate {rate}", times) for rate in ("10 Hz", "20 Hz") for times in (1, 2)])
+        self.assertEqual(steps[:4], [(f"neighbours.rate {rate}", times) for rate in ("1 Hz", "2 Hz") for times in (1, 2)])
         self.assertEqual(steps[4][0], "neighbours.rate 100 kHz")
         (search,) = self.searches()
         self.assertEqual(search["key"], "neighbours.rate")
-        self.assertEqual(search["passed"]["value"], "20 Hz")
-        self.assertEqual(search["passed"]["messages"], 20, "of both times")
+        self.assertEqual(search["passed"]["value"], "2 Hz")
+        self.assertEqual(search["passed"]["messages"], 10, "of both times")
         self.assertEqual(search["ended"]["value"], "100 kHz", "two gigabytes a second are nowhere to be had")
         again = self.run_ontime("run", scenario, "--results", self.results, "--resume")
         self.assertEqual(again.returncode, 0, again.stderr)
@@ -123,7 +123,7 @@ class Neighbours(Program):
         os.kill(self.own("/ontime agent")[0], signal.SIGKILL)
         self.assertEqual(process.wait(180), 3, process.stderr.read())
         (search,) = self.searches()
-        self.assertEqual(search["passed"]["value"], "10 Hz")
+        self.assertEqual(search["passed"]["value"], "1 Hz")
         self.assertIsNone(search["ended"])
         self.assertFalse(search["finished"])
         self.assertEqual(len(self.report()), 2, "no harsher value is tried")

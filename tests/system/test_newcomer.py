@@ -105,7 +105,7 @@ class Newcomer(unittest.TestCase):
         return shown
 
     def test_watch_draws_anew_where_it_drew_before_in_a_narrow_terminal(self):
-        with subprocess.Popen([ONTIME, "ping", "--transport", "udp", "--loopback", "--duration", "4 s", "--results", "r.ontime"],
+        with subprocess.Popen([ONTIME, "ping", "--transport", "udp", "--loopback", "--duration", "15 s", "--results", "r.ontime"],
                               cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as ping:
             self.assertTrue(eventually(lambda: sample_count(self.folder / "r.ontime") > 0), ping.poll())
             shown = self.on_a_terminal("watch", "r.ontime", columns=40, LC_ALL="C.UTF-8").decode().replace("\r\n", "\n")

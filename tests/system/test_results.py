@@ -109,13 +109,13 @@ class Results(unittest.TestCase):
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "again.xml").getroot().get("failures"), "1")
 
     def test_what_was_interrupted_and_measured_again_is_judged_by_that(self):
-        process = self.started("3 s")
+        process = self.started("6 s")
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
         gates = ("--fail-if", "max > 100 s", "--junit", "gates.xml")
         self.ontime("report", self.results, *gates, code=1)
-        answer = self.ontime("run", self.scenario(duration="3 s"), "--results", self.results, "--resume", *gates)
+        answer = self.ontime("run", self.scenario(duration="6 s"), "--results", self.results, "--resume", *gates)
         self.assertNotIn("CUT OFF", answer.stdout, "the answer is of what was measured again")
         runs = json.loads(self.ontime("report", self.results, *gates, "--format", "json").stdout)["runs"]
         self.assertEqual([run["complete"] for run in runs], [False, True], "both are there")
@@ -531,7 +531,7 @@ class Results(unittest.TestCase):
         return process
 
     def test_watch_follows_to_the_end(self):
-        process = self.started("5 s")
+        process = self.started("15 s")  # ontime watch lets all others run first
         lines = [json.loads(line) for line in self.ontime("watch", self.results, "--format", "json").stdout.splitlines()]
         self.assertEqual(process.wait(180), 0)
         self.assertGreater(len(lines), 1)

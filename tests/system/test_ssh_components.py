@@ -122,7 +122,7 @@ class SshComponents(unittest.TestCase):
                     self.assertIn(f"198.18.1.{number}", run["hosts"]["component"]["transport"]["facts"]["address"])
 
     def test_each_has_a_keeper_and_an_agent_of_its_own(self):
-        process = subprocess.Popen(self.command("3 s"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
+        process = subprocess.Popen(self.command("10 s"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: sample_count(self.results) > 50), process.poll())
         for far in FAR:

@@ -13,7 +13,7 @@ import subprocess
 import time
 import unittest
 
-from program import ONTIME, OUR_NAMESPACES, SCENARIO, TRANSPORTS, Program, namespaces
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, TRANSPORTS, Program, namespaces, pages_moved
 
 
 class System(Program):
@@ -31,7 +31,8 @@ class System(Program):
                 self.assertGreater(run["sent"], 0)
                 self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
                 self.assertEqual(run["dropped_records"], 0)
-                self.assertEqual(run["duplicates"] + run["strays"], 0)
+                self.assertEqual(run["duplicates"], 0)
+                self.assertLessEqual(run["strays"], run["lost"], "an answer that came too late is both")
                 times = [run["round_trip_us"][key] for key in ("min", "p50", "p90", "p99", "p99.9", "max")]
                 self.assertEqual(times, sorted(times))
                 self.assertEqual(run["realtime"], run["id"] == "loaded")
@@ -43,7 +44,9 @@ class System(Program):
                              sum(run["sent"] for run in runs))
 
     def test_settings_are_as_the_kernel_says(self):
+        before = pages_moved()
         answer = self.run_ontime("run", self.scenario(), "--only", "loaded", "--results", self.results)
+        moved = pages_moved() - before
         self.assertEqual(answer.returncode, 0, answer.stderr)
         for run in self.report():
             for host in ("controller", "component"):
@@ -62,7 +65,7 @@ class System(Program):
                         self.assertEqual((thread["policy"], thread["priority"]), wanted)
                         self.assertEqual(thread["major_faults"], 0)
                         if thread["role"] in ("send", "receive"):
-                            self.assertEqual(thread["minor_faults"], 0)
+                            self.assertLessEqual(thread["minor_faults"], moved)
 
     def test_traffic_takes_the_link_and_no_other(self):
         """Loopback carries nothing but the datagram by which Cyclone DDS wakes its own threads at the end."""
