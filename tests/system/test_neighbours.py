@@ -34,10 +34,10 @@ runs:
 """
 STARVED = """
 hosts: namespaces
-defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, warm-up: 20, duration: %s}
+defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, warm-up: 50, duration: %s}
 runs:
   - {id: up, search: neighbours.callback,
-     neighbours: {topics: 1, rate: 2 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
+     neighbours: {topics: 1, rate: 10 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
 """
 KILLED = """
 hosts: namespaces
@@ -108,7 +108,7 @@ class Neighbours(Program):
         return json.loads(self.run_ontime("report", self.results, "--format", "json").stdout)["searches"]
 
     def test_end_a_search_where_they_leave_no_time_to_answer(self):
-        answer = self.run_ontime("run", self.scenario("4 s", text=STARVED, transports=["cyclonedds"]), "--results", self.results)
+        answer = self.run_ontime("run", self.scenario("8 s", text=STARVED, transports=["cyclonedds"]), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("the search of neighbours.callback ends at 10 s: pong was found", answer.stderr)
         (search,) = self.searches()
