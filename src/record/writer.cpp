@@ -162,8 +162,8 @@ class Writer::Thread {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Batch> batch_;
-  std::size_t waiting_ =
-      0;  // of the batch, in samples: a note or an outcome counts as those that would take its room
+  // Of the batch, in samples: a note or an outcome counts as those that would take its room.
+  std::size_t waiting_ = 0;
   std::size_t most_waiting_ = most_waiting;
   std::function<void()> question_;
   std::exception_ptr failure_;
