@@ -208,6 +208,28 @@ TEST_F(JudgedPair, ClockThatIsSetHidesNoGap) {
   EXPECT_EQ(flow().lost, 0U);
 }
 
+TEST_F(JudgedPair, SilenceThatAPauseEndsIsOneLatePeriod) {
+  std::vector<Row> rows;
+  messages.keep_rows([&](const Row& row) { rows.push_back(row); });
+  get_acquainted();
+  const auto before = flow().period.count();
+  for (int pause = 1; pause <= 2; ++pause) {
+    messages.count_silence(flow().id, at(10), 500'000'000);
+    messages.interrupt(at(100 * pause));
+  }
+  EXPECT_EQ(flow().late, 1U);
+  EXPECT_EQ(flow().period.count(), before + 1);
+  EXPECT_TRUE(rows.back().is_late);
+  EXPECT_EQ(rows.back().to_ns - rows.back().from_ns, 500'000'000);
+  arrive(at(201));
+  messages.count_silence(flow().id, at(202), 500'000'000);
+  EXPECT_EQ(flow().late, 2U) << "another silence";
+  messages.end_process(2, at(210));
+  messages.retire_ended(at(210) + Messages::still_taken_ns);
+  messages.count_silence(flow().id, at(2000), 500'000'000);
+  EXPECT_EQ(flow().late, 2U) << "the same";
+}
+
 TEST_F(JudgedPair, FlowHasEndedWhereOneOfItsProcessesHas) {
   get_acquainted();
   EXPECT_FALSE(flow().has_ended);

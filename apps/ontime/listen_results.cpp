@@ -252,11 +252,7 @@ void ListenResults::write_worst(Kept& kept) {
 // A topic that fell silent is late until the end: its last period has no message that ends it.
 void ListenResults::add_silence(const listen::Flow& flow) {
   const auto found = kept_.find({flow.id, Row::Quantity::period});
-  if (found == kept_.end()) return;
-  if (const auto silence = silence_of(flow); !silence.empty())
-    found->second.notes.push_back(
-        {"silent", fmt::format("no message came {}", silence), std::nullopt, std::nullopt});
-  if (flow.silent_ns <= 0 || !found->second.last) return;
+  if (flow.silent_ns <= 0 || found == kept_.end() || !found->second.last) return;
   auto sample = *found->second.last;
   const auto from_ns = sample.received_ns;
   ++sample.index;
@@ -265,6 +261,8 @@ void ListenResults::add_silence(const listen::Flow& flow) {
   sample.fate = roundtrip::Fate::late;
   add(found->second, sample);
   if (keeps_worst_) keep(found->second, sample, nullptr, std::nullopt);
+  found->second.notes.push_back(
+      {"silent", fmt::format("no message came {}", silence_of(flow)), std::nullopt, std::nullopt});
 }
 
 json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {

@@ -86,15 +86,9 @@ std::string way_of(const listen::Flow& flow) {
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
 
 std::string silence_of(const listen::Flow& flow) {
-  std::string text;
-  if (flow.silent_ns > 0)
-    text = fmt::format("for {}{:.1f} s{}", flow.was_replaced ? "" : "the last ",
-                       static_cast<double>(flow.silent_ns) / 1e9,
-                       flow.was_replaced ? " until it began again" : "");
-  if (flow.outage_ns > 0)
-    text += fmt::format("{}for {:.1f} s until listening paused", text.empty() ? "" : ", and ",
-                        static_cast<double>(flow.outage_ns) / 1e9);
-  return text;
+  return fmt::format("for {}{:.1f} s{}", flow.was_replaced ? "" : "the last ",
+                     static_cast<double>(flow.silent_ns) / 1e9,
+                     flow.was_replaced ? " until it began again" : "");
 }
 
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
@@ -107,7 +101,7 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   else if (lacks_age)
     text += " late unknown ";
   if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
-  if (const auto silence = silence_of(flow); !silence.empty()) text += fmt::format(" SILENT {} ", silence);
+  if (flow.silent_ns > 0) text += fmt::format(" SILENT {} ", silence_of(flow));
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
   if (flow.lost_not_judged > 0) text += fmt::format("(and {} not judged) ", flow.lost_not_judged);
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
@@ -160,7 +154,6 @@ ordered_json json_of(const listen::Flow& flow) {
           {"late", flow.late},
           {"not_judged", flow.not_judged},
           {"silent_ns", flow.silent_ns},
-          {"outage_ns", flow.outage_ns},
           {"lost", json_of(flow.lost)},
           {"lost_not_judged", flow.lost_not_judged},
           {"duplicated", flow.duplicated},

@@ -15,7 +15,7 @@ std::string labelled(const std::string& label, const std::string& text);
 std::string in_ms(std::int64_t ns);                               // "0.123", "12.34", "123.4"
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
-std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"; "": it was not
+std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&);

@@ -120,10 +120,6 @@ class InProcesses final : public Sensor {
   Findings findings() const override {
     auto findings = messages_.findings();
     judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : read_ns_ - unread_ns, resumed_ns_);
-    for (auto& flow : findings.flows)
-      if (const auto outage = outages_.find(flow.id);
-          outage != outages_.end() && outage->second != flow.silent_ns)  // which it is until a pause ends
-        flow.outage_ns = outage->second;
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
@@ -159,7 +155,6 @@ class InProcesses final : public Sensor {
     read();
     is_paused_ = true;
     paused_ns_ = read_ns_ - unread_ns;
-    keep_outages();
     shared_.clear();
     everywhere_.clear();
     for (auto& [id, own] : of_process_) {
@@ -171,6 +166,9 @@ class InProcesses final : public Sensor {
   }
 
   void resume() override {
+    for (const auto& flow : findings().flows)
+      if (flow.silent_ns > 0)
+        messages_.count_silence(flow.id, std::max(flow.last_ns, resumed_ns_), flow.silent_ns);
     processes_.look_again();
     follow(processes_.look(), now_ns());
     read();  // seen while some probes were not set yet
@@ -180,15 +178,6 @@ class InProcesses final : public Sensor {
   }
 
  private:
-  // Across a pause no silence is judged.
-  void keep_outages() {
-    std::map<std::uint64_t, std::int64_t> kept;
-    for (const auto& flow : findings().flows)
-      if (const auto longest_ns = std::max(flow.silent_ns, flow.outage_ns); longest_ns > 0)
-        kept[flow.id] = longest_ns;
-    outages_ = std::move(kept);
-  }
-
   void read() {
     follow_clock();
     const auto from_ns = now_ns();
@@ -493,7 +482,6 @@ class InProcesses final : public Sensor {
   std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to leave off; the latest event's time
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
-  std::map<std::uint64_t, std::int64_t> outages_;  // the longest of each flow, by its id
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;
 };
 

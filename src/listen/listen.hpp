@@ -97,9 +97,8 @@ struct Flow {
   // From its last message to the end of listening, or until a flow of the same names began in its place,
   // where that is beyond a limit.
   std::int64_t silent_ns = 0;
-  bool was_replaced = false;   // by such a one, as when a node starts again
-  std::int64_t outage_ns = 0;  // its longest silence that lasted until listening paused
-  bool has_ended = false;      // its writer's or its reader's process has
+  bool was_replaced = false;  // by such a one, as when a node starts again
+  bool has_ended = false;     // its writer's or its reader's process has
   double rate_hz() const;
 };
 
@@ -270,7 +269,7 @@ class Sensor {
   virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
   virtual std::optional<Cost> cost() const { return {}; }  // of probes, until now
   // Of probes: until resume(), they are not there, and what happens is not seen. No period, age or loss is
-  // counted across that time.
+  // counted across that time; a silence before it is a period that was late.
   virtual void pause() {}
   virtual void resume() {}
 };

@@ -78,6 +78,7 @@ void Messages::keep(Flow&& flow) {
   messages += oldest.messages;
   // Where a gap is limited, it has fallen silent.
   with_misses += oldest.late > 0 || limits_.is_gap(INT64_MAX) ? 1 : 0;
+  silent_.erase(oldest.id);
   ended_.pop_front();
 }
 
@@ -129,6 +130,25 @@ void Messages::interrupt(std::int64_t until_ns) {
   begin_anew();
 }
 
+void Messages::count_silence(std::uint64_t flow, std::int64_t from_ns, std::int64_t ns) {
+  if (!silent_.insert(flow).second) return;
+  const auto count = [&](auto& one) {
+    one.period.add(ns);
+    ++one.late;
+  };
+  const auto count_in = [&](auto& all) {
+    for (auto& [key, one] : all) {
+      if (one.id != flow) continue;
+      count(one);
+      one.rows.period(keep_row_, flow, from_ns, from_ns + ns, true);
+    }
+  };
+  count_in(links_);
+  count_in(publishers_);
+  for (auto& one : ended_)
+    if (one.id == flow) count(one);
+}
+
 void Messages::begin_anew() {
   for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
   for (auto& [key, link] : links_) link.is_broken = true;
@@ -165,6 +185,7 @@ void Messages::published(const Observation& seen) {
   auto* const one = one_of(publishers_, Endpoint{seen.process, seen.endpoint}, seen.at_ns);
   if (one == nullptr) return;
   auto& publisher = *one;
+  silent_.erase(publisher.id);
   if (publisher.count == 0) {
     publisher.first_ns = seen.at_ns;
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
@@ -208,6 +229,7 @@ void Messages::taken(const Observation& seen) {
     return;
   }
   auto& link = *one;
+  silent_.erase(link.id);
   if (link.messages == 0) {
     link.first_ns = seen.at_ns;
     link.is_broken = true;

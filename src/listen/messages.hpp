@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <deque>
 #include <map>
+#include <set>
 #include <string>
 #include <tuple>
 
@@ -66,6 +67,8 @@ class Messages {
   // Until then some were not observed: nothing counts across that time, and of one published in it nothing is
   // known.
   void interrupt(std::int64_t until_ns);
+  // A flow's silence that a pause ended, from this time on: a period that is late. Each silence counts once.
+  void count_silence(std::uint64_t flow, std::int64_t from_ns, std::int64_t ns);
   // The clock of stamps was set: those until then tell nothing. Periods are of another clock.
   void forget_stamps(std::int64_t until_ns);
   // Before what was observed since then.
@@ -160,6 +163,7 @@ class Messages {
   std::map<Writer, Link> links_;
   std::map<std::uint32_t, std::int64_t> ended_at_;  // by process
   std::deque<Flow> ended_;
+  std::set<std::uint64_t> silent_;  // flows whose silence was counted, and that had no message since
   std::map<std::string, Findings::Forgotten> forgotten_;
   std::uint64_t left_out_ = 0, last_id_ = 0;
   // What was published before is not known, or only its publish may be missing.
