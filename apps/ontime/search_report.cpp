@@ -108,10 +108,9 @@ std::string list(const char* title, const std::vector<std::string>& words) {
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty())
-    parts.emplace_back(
-        fmt::format("In the scenario, in run {} (replace keys that it states already)",
-                    table::shortened(printable(kept.run), most_name)),
-        kept.scenario);
+    parts.emplace_back(fmt::format("In the scenario, in run {} (replace keys that it states already)",
+                                   table::shortened(printable(kept.run), most_name)),
+                       kept.scenario);
   for (const auto& unit : kept.units) {
     const auto where = unit.host.empty() ? "on each machine" : "on the " + unit.host;
     if (unit.why_not.empty())
