@@ -193,7 +193,7 @@ TEST_F(JudgedPair, FlowOfEndedProcessesStaysUntilThereAreTooMany) {
   EXPECT_EQ(findings.all_forgotten().messages, 10U);
 }
 
-// Of stamps nothing is known then; periods are by a clock that nobody sets.
+// Of stamps nothing is known then; periods are by a clock that cannot be set.
 TEST_F(JudgedPair, ClockThatIsSetHidesNoGap) {
   get_acquainted();
   const auto before = flow();

@@ -104,7 +104,7 @@ std::string list(const char* title, const std::vector<std::string>& words) {
   return words.empty() ? "" : fmt::format("\n{}: {}\n", title, fmt::join(words, "; "));
 }
 
-// Titles, and text to paste. A run may be of a results file that somebody else made.
+// Titles, and text to paste. The results file may be another user's.
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty())

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only
-// The probes: they run in the kernel when a thread of a robot's node publishes or takes. They read arguments
-// and results, write one event each, and change nothing. The kernel removes them when this program's process
-// ends, however it ends.
-#include <bpf/bpf_helpers.h>
-#include <bpf/bpf_tracing.h>
+// The probes: they run in the kernel when a thread of a robot's node publishes or takes. They read arguments and
+// results, write one event each, and change nothing. The kernel removes them when this program's process ends,
+// however it ends.
+#include "event.h"
+
 #include <linux/bpf.h>
 #include <linux/ptrace.h>
 
-#include "event.h"
+#include <bpf/bpf_helpers.h>
+#include <bpf/bpf_tracing.h>
 
 // The kernel lends reading of user memory and clocks only to programs under its own licence.
 char LICENSE[] SEC("license") = "GPL";
@@ -120,8 +121,7 @@ static __always_inline void name(__u64 endpoint, __u64 cookie) { name_object(end
 static __always_inline __u64 value(const struct pt_regs* regs, __u64 cookie, __u32 shift) {
   const __u64 which = cookie >> shift & 15;
   __u64 value = 0;
-  if (which != ontime_no_register)
-    bpf_probe_read_kernel(&value, sizeof value, (const __u64*)regs + which - 1);
+  if (which != ontime_no_register) bpf_probe_read_kernel(&value, sizeof value, (const __u64*)regs + which - 1);
   return value;
 }
 
@@ -180,8 +180,7 @@ int rmw_taken(struct pt_regs* regs) {
   name(call.endpoint, call.cookie);
   struct ontime_event* const event = begin(ontime_taken, call.endpoint, call.cookie);
   if (!event) return 0;
-  if (call.info) {  // source_timestamp, received_timestamp, two sequence numbers, the gid's identifier and
-                    // bytes
+  if (call.info) {  // source_timestamp, received_timestamp, two sequence numbers, the gid's identifier and bytes
     bpf_probe_read_user(&event->stamp_ns, sizeof event->stamp_ns, (void*)call.info);
     bpf_probe_read_user(event->writer, sizeof event->writer, (void*)(call.info + 40));
   }
