@@ -31,7 +31,7 @@ inline constexpr const char* scan_definition =
 inline std::string number(std::uint64_t value, std::size_t size, bool is_little = true) {
   std::string bytes(size, '\0');
   for (std::size_t i = 0; i < size; ++i)
-    bytes[is_little ? i : size - 1 - i] = static_cast<char>(value >> (8 * i));
+    bytes[is_little ? i : size - 1 - i] = static_cast<char>(i < sizeof value ? value >> (8 * i) : 0);
   return bytes;
 }
 
