@@ -284,7 +284,7 @@ TEST_F(Bags, ClockThatWentBackGivesNoPeriod) {
 }
 
 TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
-  const auto& flow = judged_mcap(mcap(numbered({7, 8, 11, 10, 11, 12}, true))).flows.at(0);
+  const auto flow = judged_mcap(mcap(numbered({7, 8, 11, 10, 11, 12}, true))).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);  // 9
   EXPECT_EQ(flow.reordered, 1U);
   EXPECT_EQ(flow.duplicated, 1U);
@@ -299,7 +299,7 @@ TEST_F(Bags, NumbersThatTheRecorderCountedTellNothing) {
     for (std::uint32_t sequence = 0; sequence < 4; ++sequence) records += message(1, {start, -1, sequence});
     write(name, mcap(records));
   }
-  const auto& flow = judged((folder_ / "drive").string()).flows.at(0);
+  const auto flow = judged((folder_ / "drive").string()).flows.at(0);
   EXPECT_EQ(flow.messages, 8U);
   EXPECT_FALSE(flow.lost);
   EXPECT_EQ(flow.duplicated, 0U);
@@ -350,14 +350,14 @@ TEST_F(Bags, SecondWriterThatIsSlowerLosesNothing) {
       if (sequence % 10 == 0) records += message(1, {at_ns, at_ns - ahead, 600 + sequence / 10});
       at_ns += ms;
     }
-    const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+    const auto flow = judged_mcap(mcap(records)).flows.at(0);
     EXPECT_EQ(flow.messages, 110U);
     EXPECT_FALSE(flow.lost) << *flow.lost;
   }
 }
 
 TEST_F(Bags, MessageThatOvertookSeveralLeavesTheLossesKnown) {
-  const auto& flow = judged_mcap(mcap(numbered({105, 107, 108, 112, 109, 110, 111, 113}, true))).flows.at(0);
+  const auto flow = judged_mcap(mcap(numbered({105, 107, 108, 112, 109, 110, 111, 113}, true))).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);
   EXPECT_EQ(flow.reordered, 3U);
 }
@@ -366,7 +366,7 @@ TEST_F(Bags, WriterThatBeganAnewBeforeItsFirstNumberHereLosesNothing) {
   std::vector<std::uint32_t> numbers(200);
   std::iota(numbers.begin(), numbers.begin() + 100, 500U);
   std::iota(numbers.begin() + 100, numbers.end(), 3U);
-  const auto& flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
+  const auto flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
   EXPECT_EQ(flow.lost, 0U);
   EXPECT_EQ(flow.reordered, 0U);
 }
@@ -376,7 +376,7 @@ TEST_F(Bags, WriterThatBeganAnewSoonKeepsItsLosses) {
   for (int begun = 0; begun < 2; ++begun)
     for (std::uint32_t number = 1; number <= 1000; ++number)
       if (number != 500) numbers.push_back(number);
-  const auto& flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
+  const auto flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
   EXPECT_EQ(flow.messages, 1998U);
   EXPECT_EQ(flow.lost, 2U);
   EXPECT_EQ(flow.duplicated, 0U);
