@@ -323,9 +323,9 @@ TEST(Compare, FailedRunThatWasMeasuredAgainIsLeftOutUnnamed) {
   std::vector runs{run("x", "k", 9), run("x", "k", 1, 2), run("x", "l", 1, 3)};
   amend(runs[0].run.outcome, {{"error", "the pong died"}});
   amend(runs[2].run.asked, "/transport", "fastdds");
-  const std::vector a{run("x", "k", 1)};
-  for (const auto& comparison : {compare(a, runs), compare_chosen(a, {runs[0], runs[1]}),
-                                 compare_by(runs, "transport", "fastdds", "udp")}) {
+  const std::vector a{run("x", "k", 1)}, chosen{runs[0], runs[1]};
+  for (const auto& comparison :
+       {compare(a, runs), compare_chosen(a, chosen), compare_by(runs, "transport", "fastdds", "udp")}) {
     ASSERT_EQ(comparison.pairs.size(), 1U);
     ASSERT_EQ(comparison.pairs[0].to.size(), 1U);
     EXPECT_EQ(comparison.pairs[0].to[0]->run.number, 2);
@@ -368,10 +368,11 @@ TEST(CompareChosen, RunOnBothSidesIsFoundThoughTheSidesDiffer) {
   const std::vector udp{run("a", "k1", 1), run("a", "k1", 1, 2)};
   auto other = run("a", "k2", 1, 3);
   amend(other.run.asked, "/transport", "fastdds");
-  const auto comparison = compare_chosen(udp, {udp[0], udp[1], other});
+  const std::vector all{udp[0], udp[1], other}, first{udp[0]}, second{udp[1]};
+  const auto comparison = compare_chosen(udp, all);
   ASSERT_EQ(comparison.pairs.size(), 1U);
   EXPECT_TRUE(has_run_on_both_sides(comparison.pairs[0]));
-  EXPECT_FALSE(has_run_on_both_sides(compare_chosen({udp[0]}, {udp[1]}).pairs.at(0)));
+  EXPECT_FALSE(has_run_on_both_sides(compare_chosen(first, second).pairs.at(0)));
 }
 
 TEST(CompareChosen, RunsBesideTheSameOfOthers) {
