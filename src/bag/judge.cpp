@@ -119,7 +119,7 @@ void Judge::end_doubt() {
   doubt_.reset();
 }
 
-// Of all streams since the clock was set, but this one.
+// Of those that had a message since the clock was set, but this one; nullptr: of all.
 std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const {
   std::optional<std::int64_t> latest_ns;
   for (const auto& [key, other] : streams_)

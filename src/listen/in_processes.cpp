@@ -268,13 +268,12 @@ class InProcesses final : public Sensor {
         wishes.messages.push_back({function, probes_->progs.turn, nullptr, {.endpoint = Wish::none}});
     if (library.is_on_overlay)
       set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes.messages);
-    else if (!everywhere_.contains({library.middleware, library.file}) &&
-             set(library, -1, shared_, wishes.messages))
-      everywhere_.emplace(library.middleware, library.file);
+    else if (!everywhere_.contains(library.use()) && set(library, -1, shared_, wishes.messages))
+      everywhere_.insert(library.use());
   }
 
   void probe_fastdds(const Process& process, const Mapping& library) {
-    if (!library.is_on_overlay && everywhere_.contains({library.middleware, library.file})) return;
+    if (!library.is_on_overlay && everywhere_.contains(library.use())) return;
     const auto wishes = fastdds_wishes(*probes_, library.path);
     if (!wishes) {
       remark(
@@ -469,8 +468,7 @@ class InProcesses final : public Sensor {
   std::optional<ProbeCosts> costs_;
   Calls counted_before_{};
   std::vector<Link> shared_;
-  // Files with probes for all processes; another user may map one by another middleware's name.
-  std::set<std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>> everywhere_;
+  std::set<Mapping::Use> everywhere_;  // with probes for all processes
   std::map<std::uint32_t, OfProcess> of_process_;
   std::set<std::uint32_t> ros_;  // processes that have mapped an rmw
   std::set<std::string> remarks_;

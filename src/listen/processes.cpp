@@ -129,7 +129,7 @@ Processes::Change Processes::look() {
     for (std::string line; std::getline(maps, line);) {
       auto mapping = mapping_of(line, id);
       if (!mapping || known.files.size() == most_files || !open_file(*mapping, opened)) continue;
-      if (!known.files.emplace(mapping->middleware, mapping->file).second) continue;
+      if (!known.files.insert(mapping->use()).second) continue;
       process.libraries.push_back(*mapping);
     }
     if (!process.libraries.empty()) change.came.push_back(std::move(process));

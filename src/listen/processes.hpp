@@ -26,6 +26,9 @@ struct Mapping {
   // Keeps `path`: a process may map another file at any time, and name it as it likes.
   std::shared_ptr<const OpenFile> opened{};
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
+  // What it is probed as: another user may map a file by another middleware's name.
+  using Use = std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>;
+  Use use() const { return {middleware, file}; }
   bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
 };
 
@@ -54,7 +57,7 @@ class Processes {
   struct Known {
     std::uint64_t started = 0;  // in ticks after boot: another process may get the same number
     std::chrono::steady_clock::time_point first, again;  // when its libraries were looked at
-    std::set<std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>> files;
+    std::set<Mapping::Use> files;
   };
   std::map<std::uint32_t, Known> known_;
 };
