@@ -206,6 +206,15 @@ TEST_F(Bags, ClockThatWentBackTwiceHidesNoTopicThatDied) {
   EXPECT_NEAR(static_cast<double>(findings.flows.at(1).silent_ns), 25e9, 0.05e9);
 }
 
+TEST_F(Bags, ClockThatIsSetBackWithoutEndIsRead) {
+  constexpr std::int64_t nearly_a_year = std::int64_t{364} * 24 * 3600 * 1000 * ms;
+  std::string records = channel(1, 0, "/a");
+  for (int i = 0; i < 2000; ++i) records += message(1, {start + i % 2 * nearly_a_year});
+  EXPECT_EQ(judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}}).flows.at(0).messages,
+            2000U);
+  for (const auto& row : rows_) EXPECT_LT(row.to_ns, std::int64_t{1} << 60);
+}
+
 TEST_F(Bags, TopicThatIsOftenLateHidesNoGapOfSlowerOnes) {
   std::string records = channel(1, 0, "/odd") + channel(2, 0, "/slow") + channel(3, 0, "/slower");
   for (int i = 0; i < 10'000; ++i) {

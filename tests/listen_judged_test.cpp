@@ -193,6 +193,19 @@ TEST_F(JudgedPair, FlowOfEndedProcessesStaysUntilThereAreTooMany) {
   EXPECT_EQ(findings.all_forgotten().messages, 10U);
 }
 
+// As one process may give its endpoint ever other names.
+TEST_F(JudgedPair, TopicsBeyondTheBoundAreForgottenByAName) {
+  messages.begin_process(9, "node");
+  const auto more = Findings::most_topics + Messages::most_ended + 2;
+  for (std::size_t topic = 0; topic < more; ++topic) {
+    messages.name_topic(9, 0xa, "/" + std::to_string(topic));
+    publish(at(0), 9);
+  }
+  const auto findings = messages.findings();
+  EXPECT_EQ(findings.forgotten.size(), Findings::most_topics + 1);
+  EXPECT_EQ(findings.forgotten.at(Findings::any_topic).with_misses, 1U);
+}
+
 // Of stamps nothing is known then; periods are by a clock that cannot be set.
 TEST_F(JudgedPair, ClockThatIsSetHidesNoGap) {
   get_acquainted();

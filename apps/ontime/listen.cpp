@@ -172,8 +172,11 @@ class Listening {
 
   listen::Findings wanted(listen::Findings findings) const {
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
-    std::erase_if(findings.misses_left_out, [&](const auto& topic) { return !is_wanted(topic.first); });
-    std::erase_if(findings.forgotten, [&](const auto& topic) { return !is_wanted(topic.first); });
+    const auto is_others = [&](const auto& topic) {
+      return !is_wanted(topic.first) && topic.first != listen::Findings::any_topic;
+    };
+    std::erase_if(findings.misses_left_out, is_others);
+    std::erase_if(findings.forgotten, is_others);
     return findings;
   }
 

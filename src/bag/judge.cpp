@@ -17,6 +17,8 @@ constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'0
 // this topic's times are odd. A topic of few messages, such as one that each file repeats, tells nothing.
 constexpr std::int64_t set_back_ns = 1'000'000'000;
 constexpr std::uint64_t enough_to_tell = 8;
+// At 18 years the time of a bag goes on no further by clocks that were set back.
+constexpr std::int64_t longest_time_ns = std::int64_t{1} << 59;
 // Without a message of any topic: worth a remark.
 constexpr std::int64_t long_pause_ns = 10'000'000'000;
 
@@ -98,7 +100,7 @@ void Judge::watch_clock(Stream& stream, const Message& message) {
     until_ns_ = std::max(*others_ns, from_ns);  // it was ahead of all others
     return;
   }
-  if (!is_known) return;
+  if (!is_known || until_ns_ > longest_time_ns) return;
   stream.latest_written_ns = 0;
   doubt_.reset();
   if (streams_.size() > 1) doubt_ = {.stream = &stream, .from_ns = from_ns, .by_ns = until_ns_ - from_ns};

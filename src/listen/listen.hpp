@@ -242,6 +242,10 @@ struct Findings {
   };
   std::map<std::string, Forgotten> forgotten;
   Forgotten all_forgotten() const;
+  // Names of topics may come without end from another user's process: what has no name of its own in these
+  // two maps has this one, which no topic has, and may be of any.
+  static constexpr std::size_t most_topics = 16384;
+  static constexpr const char* any_topic = "\n";
   std::vector<std::string> remarks;  // what the sensors could not see, and why
   std::optional<Cost> cost;          // of probes; empty: not measured
 };

@@ -71,9 +71,8 @@ void Messages::keep(Flow&& flow) {
   ended_.push_back(std::move(flow));
   if (ended_.size() <= most_ended) return;
   const auto& oldest = ended_.front();
-  // Names of topics without end are another's mischief.
-  const bool is_named = forgotten_.size() < most_names || forgotten_.contains(oldest.topic);
-  auto& [flows, messages, with_misses] = forgotten_[is_named ? oldest.topic : ""];
+  const bool has_room = forgotten_.size() < Findings::most_topics || forgotten_.contains(oldest.topic);
+  auto& [flows, messages, with_misses] = forgotten_[has_room ? oldest.topic : Findings::any_topic];
   ++flows;
   messages += oldest.messages;
   // Where a gap is limited, it has fallen silent.

@@ -19,7 +19,9 @@ class Misses {
  public:
   void add(Miss miss) {
     if (waiting_.size() == most_misses) {
-      ++left_out_[waiting_.front().topic];
+      const auto& topic = waiting_.front().topic;
+      const bool has_room = left_out_.size() < Findings::most_topics || left_out_.contains(topic);
+      ++left_out_[has_room ? topic : Findings::any_topic];
       waiting_.pop_front();
     }
     waiting_.push_back(std::move(miss));
