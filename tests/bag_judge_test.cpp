@@ -206,6 +206,18 @@ TEST_F(Bags, ClockThatWentBackTwiceHidesNoTopicThatDied) {
   EXPECT_NEAR(static_cast<double>(findings.flows.at(1).silent_ns), 25e9, 0.05e9);
 }
 
+TEST_F(Bags, OneMessageThatComesLateMakesNoPause) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/b") + channel(3, 0, "/rare");
+  for (int i = 0; i < 300; ++i) {
+    const auto at_ns = start + (10'000 + i) * 10 * ms;
+    records += message(1, {at_ns - (i == 250 ? 60'000 * ms : 0)});
+    if (i == 250) records += message(3, {at_ns});
+    records += message(2, {at_ns});
+  }
+  EXPECT_THAT(judged_mcap(mcap(records)).remarks,
+              testing::Not(testing::Contains(HasSubstr("no topic was recorded"))));
+}
+
 TEST_F(Bags, ClockThatIsSetBackWithoutEndIsRead) {
   constexpr std::int64_t nearly_a_year = std::int64_t{364} * 24 * 3600 * 1000 * ms;
   std::string records = channel(1, 0, "/a");

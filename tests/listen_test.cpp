@@ -237,6 +237,13 @@ TEST(Silence, EndsWhereAFlowOfTheSameNamesBegins) {
   flows[0].writer.process = 7;
   EXPECT_EQ(judged(3'000'000'000).silent_ns, 2'000'000'000)
       << "its process ended a publisher and began another";
+  for (auto& flow : flows) flow.writer = {};
+  const auto unknown = [&] {
+    auto all = flows;
+    judge_silence(all, Limits{.deadline = 15ms, .period = {}, .age = {}}, 60'000'000'000);
+    return all[0].silent_ns;
+  };
+  EXPECT_EQ(unknown(), 2'000'000'000) << "of a remote writer the reader alone is known";
 }
 
 TEST(Period, HalfAsMuchAgainIsNoGap) {

@@ -64,7 +64,8 @@ void Judge::add(const Message& message) {
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
   watch_clock(*stream, message);
-  if (const auto pause_ns = at_ns(message) - until_ns_; pause_ns > long_pause_ns && streams_.size() > 1) {
+  if (const auto pause_ns = at_ns(message) - until_ns_;
+      pause_ns > long_pause_ns && streams_.size() > 1 && !doubt_) {
     ++pauses_;
     longest_pause_ns_ = std::max(longest_pause_ns_, pause_ns);
   }

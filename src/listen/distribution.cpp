@@ -25,9 +25,11 @@ std::int64_t value_of(std::size_t bucket) {
 }
 
 // Two nodes may have one name, and one of them may hang: so another process takes the place only of one that
-// has ended. A process may also end a publisher and begin another.
+// has ended. A process may also end a publisher and begin another; and of a writer that is not recognized,
+// the reader is all that is known.
 bool takes_its_place(const Flow& other, const Flow& flow) {
-  const bool is_same = flow.writer.process != 0 && other.writer == flow.writer && other.reader == flow.reader;
+  const bool is_same = (flow.writer.process != 0 || flow.reader.process != 0) &&
+                       other.writer == flow.writer && other.reader == flow.reader;
   return (flow.has_ended || is_same) && other.first_ns > flow.last_ns && !flow.topic.empty() &&
          other.topic == flow.topic && other.writer.name == flow.writer.name &&
          other.reader.name == flow.reader.name;
