@@ -71,10 +71,12 @@ Plot plot_of(const PlotArguments& arguments) {
                                                        {"ccdf", Plot::Figure::ccdf},
                                                        {"conditions", Plot::Figure::conditions},
                                                        {"payload", Plot::Figure::payload},
+                                                       {"background", Plot::Figure::neighbours},
+                                                       {"worse", Plot::Figure::ccdf},
                                                        {"neighbours", Plot::Figure::neighbours}};
   const auto figure = figures.find(arguments.figure);
   if (figure == figures.end())
-    throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, neighbours",
+    throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, background",
                                arguments.figure));
   return {figure->second, form_of("--output", arguments.output), arguments.wide};
 }
@@ -98,7 +100,7 @@ int plot(PlotArguments arguments) {
   if (plot.figure == Plot::Figure::neighbours && std::ranges::none_of(summaries, [](const auto& summary) {
         return summary.run.asked.task.neighbours.topics > 0;
       }))
-    throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
+    throw Error(2, arguments.results + ": none of its runs had background topics (key `background`)");
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
   for (const auto* run : plot::left_out(summaries, plot))

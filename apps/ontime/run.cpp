@@ -31,6 +31,7 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
   bool searches = false;
   std::chrono::duration<double> time{0};
   for (const auto& scenario : scenarios) {
+    for (const auto& [key, notice] : scenario.notices) terminal.note(notice);
     runs += scenario.size();
     searches =
         searches || std::ranges::any_of(scenario.runs, [](const auto& run) { return run.step.of > 0; });

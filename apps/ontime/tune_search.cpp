@@ -143,6 +143,7 @@ void check_time(const Arguments& arguments, Seconds within, const Plan& plan, Te
 
 // What is said before the first trial: contradictions, and settings that cannot help.
 void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Terminal& terminal) {
+  for (const auto& [key, notice] : scenario.notices) terminal.note(notice);
   for (const auto& text : search::contradictions(scenario.runs.front()))
     terminal.note("contradiction: " + text);
   std::map<std::string, std::vector<std::string>> by_reason;

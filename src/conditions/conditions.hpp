@@ -125,6 +125,8 @@ using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
 const std::vector<Key>& keys();  // those that can be said
+// The name of a key in this version: "background.rate" for "neighbours.rate". Earlier names are still read.
+std::string current_key(const std::string& key);
 
 // The one form of a run, in orders and in records: docs/reference/json.md lists its names.
 nlohmann::json to_json(const Run&);

@@ -112,7 +112,7 @@ Fields fields_of_record() {
 Fields fields_of_run() {
   return {
       field({"title", "", "TEXT", "title of the run, for people"}, "title", text(), &Run::title),
-      field({"adds-to", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
+      field({"baseline", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
             &Run::adds_to),
       field({"search", "", "KEY",
              "key with a list of values, gentlest first; ontime finds the first value that misses"},
@@ -261,6 +261,8 @@ Run run_from(const json& from, bool may_be_foreign) {
         if (!may_be_foreign) throw;
       }
   }
+  run.step.key = current_key(run.step.key);
+  for (auto& [key, value] : run.varied) key = current_key(key);
   return run;
 }
 
@@ -313,6 +315,16 @@ const std::vector<Key>& keys() {
     return all;
   }();
   return list;
+}
+
+std::string current_key(const std::string& key) {
+  constexpr std::pair<std::string_view, const char*> renamed[] = {{"neighbours", "background"},
+                                                                  {"adds-to", "baseline"},
+                                                                  {"reach", "host-prefix"},
+                                                                  {"place", "command-prefix"}};
+  for (const auto& [old, current] : renamed)
+    if (key == old || (key.starts_with(old) && key[old.size()] == '.')) return current + key.substr(old.size());
+  return key;
 }
 
 const json& member_of(const json& record, const std::string& path) {

@@ -194,7 +194,7 @@ Codec<nanoseconds> rate() {
 template <typename Value>
 Field of_neighbours(Field how, const std::string& name, Codec<Value> codec,
                     Value roundtrip::NeighbourOptions::*what) {
-  how.path = "neighbours." + how.path;
+  how.path = "background." + how.path;
   auto made = field(std::move(how), "neighbours." + name, codec, within(&Run::task, &Task::neighbours, what));
   return name == "topics" ? made : said(made, [set = made.set](Run& run, Text text) {
     run.describes_neighbours = true;
@@ -275,7 +275,7 @@ Fields neighbour_fields() {
       of_neighbours(
           {"reliability", "", "", "reliability of background topics, which keep the last 10: best-effort"},
           "reliability", reliability(), &Options::reliability),
-      {.path = "neighbours.direction",
+      {.path = "background.direction",
        .flag = "",
        .values = direction().values,
        .help = "direction of background messages: both",

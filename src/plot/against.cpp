@@ -44,7 +44,7 @@ double rate_of_neighbours_hz(const Summary& summary) {
   return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
 constexpr Abscissa rate_of_neighbours{
-    "neighbours.rate", "Background topics: messages/s, each topic and direction", rate_of_neighbours_hz};
+    "background.rate", "Background topics: messages/s, each topic and direction", rate_of_neighbours_hz};
 
 // What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
 std::string line_of(const Summary& summary, const Abscissa& abscissa) {
@@ -57,7 +57,7 @@ std::string line_of(const Summary& summary, const Abscissa& abscissa) {
   std::istringstream parts(printable(search.key.empty() ? asked.variant : search.among));
   for (std::string part; std::getline(parts, part, ',');) {
     part.erase(0, part.find_first_not_of(' '));
-    if (part.starts_with(std::string(abscissa.key) + " ")) continue;
+    if (conditions::current_key(part.substr(0, part.find(' '))) == abscissa.key) continue;
     name += part.starts_with("options.") ? part.substr(std::min(part.find(' '), part.size())) : " " + part;
   }
   return name;

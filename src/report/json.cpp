@@ -119,6 +119,7 @@ std::vector<Field> fields() {
     for (const auto* key : {"allowed", "level_us", "level_low_us", "level_high_us", "fit_p"})
       fields.push_back({fmt::format("{}_{}", method, key), {"extremes", method, key}});
   for (const auto* key : {"wrong_size", "wrong_server_times"}) fields.push_back({key, {key}});
+  for (const auto* name : {"request_leg_us", "reply_leg_us"}) add_distribution(name);
   return fields;
 }
 
@@ -146,8 +147,11 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["wake_up_us"] = wake_up_of(summary);
   run["server_us"] = json_of(summary.server);
   const auto parts = summary.parts.value_or(statistics::Parts{});
-  run["there_us"] = json_of(parts.there);
-  run["back_us"] = json_of(parts.back);
+  run["request_leg_us"] = json_of(parts.there);
+  run["reply_leg_us"] = json_of(parts.back);
+  // Earlier names, kept for one version; so is `neighbours` below.
+  run["there_us"] = run["request_leg_us"];
+  run["back_us"] = run["reply_leg_us"];
   run["parts"] = parts_of(summary);
   add_certainty(run, summary);
   run["notes"] = notes_of(summary);
@@ -162,8 +166,9 @@ ordered_json json_of(const statistics::Summary& summary) {
                                            "component_interface", "component_restart", "beside", "others"}));
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
-  run["conditions"]["neighbours"] = {{"asked", at(asked, "neighbours")},
+  run["conditions"]["background"] = {{"asked", at(asked, "neighbours")},
                                      {"achieved", at(outcome, "neighbours")}};
+  run["conditions"]["neighbours"] = run["conditions"]["background"];
   run["conditions"]["link"] = at(asked, "link");
   run["conditions"]["wire"] = at(asked, "wire");
   run["link_unproved"] = at(outcome, "link_unproved");

@@ -190,7 +190,8 @@ ordered_json layers_json_of(const Summaries& summaries) {
   for (const auto& layer : layers.measured) {
     const auto& asked = layer.run->run.asked;
     ordered_json entry = {{"id", asked.stated("id")}, {"transport", asked.stated("transport")}};
-    entry["adds_to"] = layer.adds_to;
+    entry["baseline"] = layer.adds_to;
+    entry["adds_to"] = layer.adds_to;  // the earlier name, kept for one version
     entry["key"] = layer.run->run.key;
     entry["base_key"] = layer.base == nullptr ? ordered_json() : ordered_json(layer.base->run.key);
     for (const auto* key :

@@ -68,7 +68,8 @@ void drop_repeated(json& asked) {
 }
 
 // Its value of `key`, and all else that was asked for.
-std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
+std::pair<std::string, std::string> split_by(const std::string& stated, const statistics::Summary& summary) {
+  const auto key = conditions::current_key(stated);
   auto asked = record::conditions_of(summary.run.asked.document);
   if (!asked.is_object()) return {unset, ""};
   std::vector<std::string> values;

@@ -93,6 +93,7 @@ class Combinations {
     while (true) {
       auto& run = runs.emplace_back(make_runs(owners));
       if (searched) {
+        run.step.key = dimensions_.back().path;
         const auto& steps = dimensions_.back().choices;
         run.step.value = steps[at_.back()].value;
         run.step.number = static_cast<int>(at_.back());
@@ -213,7 +214,8 @@ class Combinations {
     const auto search = at("search");
     if (search == dimensions_.end()) return false;
     if (search->choices.size() > 1) fail(search->choices[1].node, "search: one key at a time");
-    const auto [path, node] = search->choices.front();
+    const auto& [stated, node] = search->choices.front();
+    const auto path = origin_.keys.current(stated);
     const auto key = at(path);
     if (key == dimensions_.end() || key->choices.size() < 2)
       fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "

@@ -158,6 +158,13 @@ void once_each(const std::string& file, const YAML::Node& map) {
   }
 }
 
+void note_renamed(Notices& notices, const std::string& file, const YAML::Mark& mark,
+                  const std::string& earlier, const std::string& current) {
+  notices.emplace(earlier.substr(0, earlier.find('.')),
+                  fmt::format("{}:{}:{}: '{}' is now called '{}'. This version reads both names.", file,
+                              mark.line + 1, mark.column + 1, earlier, current));
+}
+
 std::string text_of(const std::string& file) {
   std::error_code none;
   const bool folder = fs::is_directory(file, none);

@@ -6,6 +6,8 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include "scenario/scenario.hpp"
+
 namespace ontime::scenario {
 
 // Throws Error: file, line, column, message.
@@ -15,6 +17,10 @@ namespace ontime::scenario {
 // there twice: YAML forbids it, yaml-cpp lets the last one win.
 std::string scalar_of(const std::string& file, const YAML::Node&, const std::string& key);
 void once_each(const std::string& file, const YAML::Node& map);
+
+// Adds a notice, unless there is one of that name.
+void note_renamed(Notices&, const std::string& file, const YAML::Mark&, const std::string& earlier,
+                  const std::string& current);
 
 // All of a file, if that is not too much.
 std::string text_of(const std::string& file);

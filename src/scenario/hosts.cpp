@@ -2,6 +2,7 @@
 #include "scenario/hosts.hpp"
 
 #include <algorithm>
+#include <set>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -20,7 +21,7 @@ constexpr std::size_t longest_name = 12;  // "to-NAME" is an interface
 
 class HostsOfFile {
  public:
-  explicit HostsOfFile(const std::string& file) : file_(file) {}
+  HostsOfFile(const std::string& file, Notices& notices) : file_(file), notices_(notices) {}
 
   void read(const YAML::Node& node, bool names_components) {
     if (node.IsScalar()) return read_kind(node);
@@ -111,19 +112,23 @@ class HostsOfFile {
     return name;
   }
 
-  Host host_of(const YAML::Node& node) const {
-    const std::string keys = "a host has ssh, reach, place, program, interface, address";
+  Host host_of(const YAML::Node& node) {
+    const std::string keys = "a host has ssh, host-prefix, command-prefix, program, interface, address";
     if (!node.IsMap()) fail(node, keys);
     once_each(file_, node);
     Host host;
+    std::set<std::string> read;
     for (const auto& entry : node) {
-      const auto key = entry.first.Scalar();
+      const auto stated = entry.first.Scalar();
+      const auto key = conditions::current_key(stated);
       const auto& value = entry.second;
+      if (key != stated) note_renamed(notices_, file_, entry.first.Mark(), stated, key);
+      if (!read.insert(key).second) fail(entry.first, fmt::format("'{}' occurs twice", key));
       if (key == "ssh")
         host.ssh = read_destination(value);
-      else if (key == "reach")
+      else if (key == "host-prefix")
         host.reach = read_words(value, key);
-      else if (key == "place")
+      else if (key == "command-prefix")
         host.place = read_words(value, key);
       else if (key == "program")
         host.program = scalar_of(file_, value, key);
@@ -134,7 +139,7 @@ class HostsOfFile {
       else if (key == "prefix")
         fail(entry.first,
              "prefix no longer exists; state the machine, such as ssh: robot, and a command prefix, such as "
-             "place: [ip, netns, exec, robot]");
+             "command-prefix: [ip, netns, exec, robot]");
       else
         fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
     }
@@ -156,7 +161,7 @@ class HostsOfFile {
   std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
     if (!node.IsSequence())
       fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,
-                             key == "reach" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
+                             key == "host-prefix" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
     std::vector<std::string> words;
     for (const auto& word : node) words.push_back(scalar_of(file_, word, key));
     return words;
@@ -172,14 +177,15 @@ class HostsOfFile {
   }
 
   const std::string& file_;
+  Notices& notices_;
   Hosts hosts_;
 };
 
 }  // namespace
 
 Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
-               const std::optional<YAML::Node>& components) {
-  HostsOfFile found(file);
+               const std::optional<YAML::Node>& components, Notices& notices) {
+  HostsOfFile found(file, notices);
   if (hosts) found.read(*hosts, components.has_value());
   if (components) found.read_components(*components);
   return found.take();

@@ -6,6 +6,7 @@
 
 #include <yaml-cpp/yaml.h>
 
+#include "scenario/document.hpp"
 #include "scenario/scenario.hpp"
 
 namespace ontime::scenario {
@@ -13,7 +14,7 @@ namespace ontime::scenario {
 // Of a scenario's `hosts` and `components`, as far as they are there. Throws Error with file, line and
 // column.
 Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
-               const std::optional<YAML::Node>& components);
+               const std::optional<YAML::Node>& components, Notices&);
 
 // That the two namespaces of `hosts` are joined by such a wire. Throws Error with file, line and column.
 void lay_wire(const std::string& file, const YAML::Node& wire, Hosts& hosts);

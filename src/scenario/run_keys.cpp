@@ -28,7 +28,7 @@ std::string common_to_all(const std::string& path) {
   constexpr std::pair<std::string_view, const char*> reasons[] = {
       {"id", "it is of the run, which is one for all components"},
       {"title", "it is of the run, which is one for all components"},
-      {"adds-to", "it is of the run, which is one for all components"},
+      {"baseline", "it is of the run, which is one for all components"},
       {"search", "it is of the run: say search: NAME.KEY there"},
       {"duration", "all are measured at the same time, for as long"},
       {"explain", "the kernels' events are kept for all, or for none"},
@@ -77,6 +77,12 @@ Said RunKeys::divided(const std::string& path) const {
   return {std::move(name), dot == path.npos ? "" : path.substr(dot + 1)};
 }
 
+std::string RunKeys::current(const std::string& path) const {
+  const auto [component, key] = divided(path);
+  const auto name = conditions::current_key(key);
+  return component.empty() || key.empty() ? name : component + "." + name;
+}
+
 Entries RunKeys::flat(const YAML::Node& run) const {
   Entries entries;
   flatten(run, "", entries);
@@ -89,7 +95,9 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
             prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
   once_each(file_, node);
   for (const auto& entry : node) {
-    const auto path = prefix + entry.first.Scalar();
+    const auto stated = prefix + entry.first.Scalar();
+    const auto path = current(stated);
+    if (path != stated) note_renamed(notices_, file_, entry.first.Mark(), stated, path);
     if (entry.second.IsMap()) {
       flatten(entry.second, path + ".", entries);
       continue;
@@ -109,7 +117,8 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(),
               fmt::format("{}: this cannot be said of one component: {}", path, reason));
-    entries[path] = entry.second;
+    if (!entries.emplace(path, entry.second).second)
+      fail_at(file_, entry.first.Mark(), fmt::format("'{}' occurs twice", path));
   }
 }
 

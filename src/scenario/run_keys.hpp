@@ -28,17 +28,20 @@ std::string nearest(const std::string& path);
 class RunKeys {
  public:
   // `named`: the scenario names its components, below which keys may stand.
-  RunKeys(const std::string& file, const Hosts& hosts, bool named)
-      : file_(file), hosts_(hosts), named_(named) {}
+  RunKeys(const std::string& file, const Hosts& hosts, bool named, Notices& notices)
+      : file_(file), hosts_(hosts), named_(named), notices_(notices) {}
   Said divided(const std::string& path) const;
+  // With the key's name in this version: "arm.background.rate" for "arm.neighbours.rate".
+  std::string current(const std::string& path) const;
   Entries flat(const YAML::Node& run) const;
 
  private:
   void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
 
-  const std::string file_;
+  const std::string& file_;
   const Hosts& hosts_;
   const bool named_;
+  Notices& notices_;
 };
 
 }  // namespace ontime::scenario

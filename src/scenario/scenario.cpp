@@ -86,9 +86,9 @@ class File {
     }
     if (!runs || !runs->IsSequence() || runs->size() == 0)
       fail(runs.value_or(root), "runs: a list of runs is needed");
-    scenario_.hosts = hosts_of(scenario_.file, hosts, components);
+    scenario_.hosts = hosts_of(scenario_.file, hosts, components, scenario_.notices);
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
-    const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value());
+    const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value(), scenario_.notices);
     Origin origin{scenario_.file, scenario_.hosts, keys, selection_};
     const auto for_all = defaults ? keys.flat(*defaults) : Entries{};
     if (const auto id = for_all.find("id"); id != for_all.end())
@@ -160,7 +160,7 @@ class File {
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
     own.erase("id");
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    if (const auto below = own.find("adds-to"); below != own.end() && below->second.IsScalar())
+    if (const auto below = own.find("baseline"); below != own.end() && below->second.IsScalar())
       baselines_.insert_or_assign(id, below->second);
     const auto& only = selection_.only;
     if (!only.empty() && std::ranges::find(only, id) == only.end()) return;
@@ -177,7 +177,7 @@ class File {
       for (auto below = baselines_.find(id); below != baselines_.end() && seen.insert(below->first).second;) {
         const auto next = below->second.Scalar();
         circle += " → " + next;
-        if (next == id) fail(node, fmt::format("adds-to: the baselines form a circle: {}", circle));
+        if (next == id) fail(node, fmt::format("baseline: the baselines form a circle: {}", circle));
         below = baselines_.find(next);
       }
     }

@@ -46,6 +46,9 @@ bool any_past_the_kernel(const Run&);  // of its two ends
 // with.
 std::string without_port(const std::string& address);
 
+// One line for each key that a file calls by an earlier name, by that name.
+using Notices = std::map<std::string, std::string>;
+
 struct Scenario {
   std::string file, text, title;
   Hosts hosts;
@@ -53,6 +56,7 @@ struct Scenario {
   int repeat = 1;
   // All runs once, then all again, so that a drift of the machine affects all of them alike.
   bool interleaved = true;
+  Notices notices{};
 
   // What is to be carried out, one after the other; each at the same time between the controller and all
   // components. Of a search it is what its steps are at most.
