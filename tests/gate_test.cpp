@@ -193,9 +193,9 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   const auto held = judged("late > 0", stalled);
   EXPECT_EQ(held.result, Result::held);
   EXPECT_FALSE(held.is_sure);
-  EXPECT_THAT(held.says, HasSubstr("but 300 of 1299 cycles had no answer in time"));
+  EXPECT_THAT(held.says, HasSubstr("300 of 1299 cycles"));
   EXPECT_FALSE(judged("max > 7 ms", stalled).is_sure);
-  EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("(response max)"));
+  EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("response max"));
 }
 
 TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
@@ -243,13 +243,13 @@ TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
 TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   auto idle = run(measured(1, 0.5, 1.5));
   amend(idle.run.outcome, "/hosts/component", {{"load_running", false}});
-  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the load on the component had died by the end");
+  EXPECT_THAT(judged("p99 > 2 ms", idle).says, HasSubstr("load on the component"));
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   amend(idle.run.outcome, "/hosts/component/load_running", nullptr);  // none was asked for
   EXPECT_EQ(judged("p99 > 2 ms", idle).result, Result::held);
   amend(idle.run.outcome, "/traffic",
         {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}});
-  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
+  EXPECT_THAT(judged("p99 > 2 ms", idle).says, HasSubstr("traffic"));
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   auto tuned = run(measured(1, 0.5, 1.5));
   auto& set = tuned.run.outcome.hosts["controller"].kernel;
@@ -258,8 +258,7 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   for (const auto& now : {json("other"), json()}) {
     set[0].now = now;
     EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::cannot_judge);
-    EXPECT_EQ(judged("late > 0", tuned).says,
-              "kernel.irq-threads was not as it was asked for to the end, on the controller");
+    EXPECT_THAT(judged("late > 0", tuned).says, HasSubstr("kernel.irq-threads on the controller"));
   }
   auto whole = run(measured(1, 0.5, 1.5));
   amend(whole.run.outcome, "/hosts/component/link/gone", "another process removed the rules");
@@ -281,7 +280,7 @@ TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
   small.run.outcome.counters.sent = 1000;
   auto& load = small.run.outcome.hosts["component"].load;
   load = {1 << 30, 1'000'000};
-  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the hdd load on the component was smaller than requested");
+  EXPECT_THAT(judged("p99 > 2 ms", small).says, HasSubstr("hdd load on the component"));
   EXPECT_TRUE(ends_search(small.run.asked, small.run.outcome))
       << "a step that was never there was not passed";
   load->hdd_file_bytes = 1 << 29;
@@ -289,7 +288,7 @@ TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
   load.reset();
   small.run.outcome.hosts["component"].load_running = true;
   amend(small.run.asked, "/load/component", {{"vm", 4}, {"vm_bytes", 256 << 20}});
-  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the vm load on the component was smaller than requested");
+  EXPECT_THAT(judged("p99 > 2 ms", small).says, HasSubstr("vm load on the component"));
 }
 
 TEST(Judge, WhatIsRequiredMustBeSo) {
@@ -431,7 +430,7 @@ TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
   lost.round_trip = {};
   const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b, &lost});
   EXPECT_EQ(judgement.result, Result::cannot_judge);
-  EXPECT_THAT(judgement.says, HasSubstr("of B: no message was answered"));
+  EXPECT_THAT(judgement.says, HasSubstr("of B: no message"));
 }
 
 TEST(JudgeAChange, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {

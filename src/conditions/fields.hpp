@@ -108,7 +108,7 @@ Number whole(Json from) {
   const auto value = finite(from);
   if (value != std::floor(value) || value < static_cast<double>(std::numeric_limits<Number>::min()) ||
       value >= std::ldexp(1.0, std::numeric_limits<Number>::digits))
-    throw std::invalid_argument(from.dump() + " is not such a number");
+    throw std::invalid_argument(from.dump() + " is not a whole number in range");
   return from.is_number_float() ? static_cast<Number>(value) : from.get<Number>();
 }
 template <typename Number>

@@ -25,19 +25,19 @@ void check_behind_a_bridge(const std::string& path, const Hosts& hosts) {
        {"kernel.gro", "kernel.threaded-napi", "kernel.napi-threads", "kernel.napi-cpus"})
     if (path == of_ports)
       throw std::invalid_argument(
-          "several components in namespaces are joined by a bridge, which takes in no packets itself: "
-          "leave it out, or components");
+          "a bridge joins several components in namespaces and receives no packets itself: leave out this "
+          "key or components");
 }
 
 // By which alone a transport without topics tells components apart; and iperf3, which listens there.
 void check_addresses(const Together& all, const Hosts& hosts) {
   std::map<std::string, std::string> of_transport, of_traffic;
-  const auto check = [](auto& names, const std::string& whose, const std::string& address, const Run& run) {
+  const auto check = [](auto& names, const std::string& reason, const std::string& address, const Run& run) {
     if (address.empty()) return;
     if (const auto [other, is_first] = names.emplace(address, run.component); !is_first)
       throw std::invalid_argument(
-          fmt::format("{} each component has its own address, and {} and {} have the same: {}", whose,
-                      other->second, run.component, address));
+          fmt::format("{} and {} have the same address, {}: each component needs its own {}", other->second,
+                      run.component, address, reason));
   };
   for (const auto& run : all) {
     const auto& address = hosts.at(run.component).address;
@@ -54,8 +54,7 @@ void check_queues(const Together& all) {
     if (!is_past_the_kernel(run.task.transport)) continue;
     if (first != nullptr)
       throw std::invalid_argument(
-          fmt::format("over xdp {} and {} would share a queue at the controller, and each end takes one "
-                      "for itself: take "
+          fmt::format("over xdp, {} and {} need a queue each, but the controller has one for both: use "
                       "ethernet for all but one",
                       first->component, run.component));
     first = &run;
@@ -127,7 +126,7 @@ class Combinations {
     if (selection.explain) entries.try_emplace("explain", node_);
     for (const auto& [path, value] : selection.set) {
       if (!is_key(path) && !is_option(path))
-        throw Error(fmt::format("there is no key '{}'{}", path, nearest(path)));
+        throw Error(fmt::format("unknown key '{}'{}", path, nearest(path)));
       entries.try_emplace(path, node_);
     }
   }
@@ -185,8 +184,7 @@ class Combinations {
       combinations *= choices.size();
       if (origin_.different + combinations > most_different_runs)
         fail(node_,
-             fmt::format("run '{}': with every combination of its lists there are more than {} different "
-                         "runs; make several scenarios of them",
+             fmt::format("run '{}': its lists combine to more than {} different runs; split the scenario",
                          id_, most_different_runs));
       std::size_t longest = 0;
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
@@ -200,9 +198,10 @@ class Combinations {
   void hold(std::size_t bytes) {
     origin_.held += bytes;
     if (origin_.held > most_held)
-      fail(node_, fmt::format("run '{}': the runs until here hold more than {} MiB of keys and values; make "
-                              "several scenarios of them",
-                              id_, most_held >> 20U));
+      fail(node_,
+           fmt::format(
+               "run '{}': the runs up to here hold more than {} MiB of keys and values; split the scenario",
+               id_, most_held >> 20U));
   }
 
   // The key that is searched becomes the last, so that its values follow one another. False: there is none.
@@ -216,8 +215,7 @@ class Combinations {
     const auto [path, node] = search->choices.front();
     const auto key = at(path);
     if (key == dimensions_.end() || key->choices.size() < 2)
-      fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
-                             "the harshest",
+      fail(node, fmt::format("search: '{}' has no list of values in this run; list them from gentle to harsh",
                              path));
     if (key->said.key == "transport") fail(node, "search: transports have no order from gentle to harsh");
     std::rotate(key, key + 1, dimensions_.end());

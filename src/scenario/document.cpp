@@ -60,20 +60,19 @@ void check_characters(const std::string& file, const std::string& text) {
 class Bounds final : public YAML::EventHandler {
  public:
   void OnDocumentStart(const YAML::Mark& mark) override {
-    if (++documents_ > 1) fail(mark, "a second document begins here, and a scenario is one");
+    if (++documents_ > 1) fail(mark, "a second document begins here; a scenario has one");
   }
   void OnDocumentEnd() override {}
   void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor, {1, 1}); }
   void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                 const std::string& value) override {
     check(mark, tag);
-    if (first_of_no_text(value) != value.npos) fail(mark, "a control character stands in this value");
+    if (first_of_no_text(value) != value.npos) fail(mark, "this value contains a control character");
     add(mark, anchor, {1, 1});
   }
   void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override {
     const auto whole = whole_.find(anchor);
-    if (whole == whole_.end())
-      fail(mark, "this alias stands within what it stands for, which would never end");
+    if (whole == whole_.end()) fail(mark, "this alias is inside its own anchor and would never end");
     add(mark, 0, whole->second);
   }
   void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
@@ -105,17 +104,15 @@ class Bounds final : public YAML::EventHandler {
   // Of what has none yaml-cpp says "?", of what is quoted "!".
   static void check(const YAML::Mark& mark, const std::string& tag) {
     if (!tag.empty() && tag != "?" && tag != "!")
-      fail(mark,
-           fmt::format("the tag '{}' would change nothing: a key says what its value is; leave it out", tag));
+      fail(mark, fmt::format("the tag '{}' has no effect in a scenario: leave it out", tag));
   }
   void add(const YAML::Mark& mark, YAML::anchor_t anchor, Extent extent) {
     nodes_ += extent.nodes;
     if (nodes_ > most_nodes)
-      fail(mark, fmt::format("more than {} keys and values, aliases counted as what they stand for; make "
-                             "several scenarios of it",
+      fail(mark, fmt::format("more than {} keys and values, with aliases expanded; split the scenario",
                              most_nodes));
     if (open_.size() + extent.levels > most_levels)
-      fail(mark, fmt::format("more than {} levels within one another", most_levels));
+      fail(mark, fmt::format("more than {} levels of nesting", most_levels));
     if (!open_.empty()) open_.back().levels = std::max(open_.back().levels, extent.levels + 1);
     if (anchor != 0) whole_[anchor] = extent;
   }
@@ -170,7 +167,7 @@ std::string text_of(const std::string& file) {
   text.resize(static_cast<std::size_t>(in.gcount()));
   if (text.size() > most_bytes) {
     const auto size = fs::is_regular_file(file, none) ? fs::file_size(file, none) : text.size();
-    throw Error(fmt::format("scenario {} has {} bytes{}; a scenario has at most {}: make several of it", file,
+    throw Error(fmt::format("scenario {} has {} bytes{}; at most {} are allowed: split the scenario", file,
                             size, fs::is_regular_file(file, none) ? "" : " or more", most_bytes));
   }
   return text;

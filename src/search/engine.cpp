@@ -297,7 +297,7 @@ class Search {
       if (finding.messages >= likely_share * messages && remedy != finding.remedies.end())
         append_if_new(all, *remedy);
     }
-    return all.size() > 1 && add(all, "the most frequent causes at once");
+    return all.size() > 1 && add(all, "the most frequent causes together");
   }
 
   static void append_if_new(std::vector<Setting>& all, const Setting& one) {
@@ -322,7 +322,7 @@ class Search {
     collect(set_);
     for (const auto& trial : outcome_.trials)
       if (trial.purpose == Purpose::add && trial.reference == set_) collect(trial.set);
-    return all.size() > 1 && add(all, "all causes at once");
+    return all.size() > 1 && add(all, "all causes together");
   }
 
   // What no cause names, together, for most of it is without effect: the first values of all, then the next.
@@ -335,7 +335,7 @@ class Search {
         if (value < knob.values.size() && !set_.contains(knob.key) &&
             may_be_set({knob.key, knob.values[value]}))
           all.push_back({knob.key, knob.values[value]});
-      if (!add(all, "no named cause")) continue;
+      if (!add(all, "settings without a named cause")) continue;
       if (!holds(set_)) leave_out_what_shows_no_effect();
       return true;
     }
@@ -448,7 +448,7 @@ const char* word(const char* const (&words)[size], Word value) {
 }  // namespace
 
 std::string text_of(const Finding& finding) {
-  return fmt::format("{:.0f} of the messages looked at: {}", finding.messages, finding.cause);
+  return fmt::format("{:.0f} of the analyzed messages: {}", finding.messages, finding.cause);
 }
 
 const char* word_of(Decision decision) {

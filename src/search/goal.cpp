@@ -15,18 +15,16 @@ using statistics::Figure;
 double permitted_share(const gate::Gate& gate) {
   if (gate.kind == gate::Gate::Limit::absolute && !statistics::metric_of(gate.figure).is_share &&
       gate.limit <= 0)
-    throw gate::Error(fmt::format("'{}': every message takes longer than 0", gate.text));
+    throw gate::Error(fmt::format("'{}': the limit must be more than 0", gate.text));
   if (gate.figure == Figure::mean)
     throw gate::Error(
-        fmt::format("'{}': a mean cannot be a goal, because it says nothing of single messages: "
-                    "take p50, p99 or max",
+        fmt::format("'{}': a mean cannot be a goal, because it limits no single message. Use p50, p99 or max",
                     gate.text));
   if (gate.figure == Figure::max) return 0;
   if (const auto& metric = statistics::metric_of(gate.figure); metric.one_in > 0) return metric.share_above();
   if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
     throw gate::Error(
-        fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "
-                    "such as 0.1 %",
+        fmt::format("'{}': a number of messages depends on the run's length. Use 0, or a share such as 0.1 %",
                     gate.text));
   return gate.limit;
 }
@@ -46,9 +44,9 @@ Part part_of(const std::string& text) {
   // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
   auto parsed = gate::parse(gate, gate::Use::require);
   if (comparison == "=" && parsed.limit != 0)
-    throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
+    throw gate::Error(fmt::format("'{}': = takes only 0; use < for other limits", text));
   if (comparison == "<" && parsed.limit == 0)
-    throw gate::Error(fmt::format("'{}': nothing is less than 0: write = 0", text));
+    throw gate::Error(fmt::format("'{}': nothing is less than 0. Use = 0", text));
   const auto share = permitted_share(parsed);
   return {{text, share}, std::move(parsed)};
 }

@@ -61,7 +61,7 @@ Kept keep(const conditions::Run& run, const Set& set, const Links& links, const 
     kept.units.push_back(unit_of(host, link, wishes, program));
     if (link.interface == to_fill_in)
       kept.fill_in = fmt::format(
-          "Replace {} by the robot's network interface, the one of these messages (`ip link` lists them).",
+          "Replace {} with the robot's network interface for these messages (`ip link` lists them).",
           to_fill_in);
   }
   return kept;

@@ -70,14 +70,14 @@ std::string stated(const conditions::Run& run, const std::string& key) {
 }
 
 std::string why_not(const std::string& key, const conditions::Run& run, const Bounds& bounds) {
-  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "never: as asked";
+  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "excluded by --never";
   if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
-    return "messages of this transport do not pass the kernel's network";
+    return "this transport bypasses the kernel's network stack";
   if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
     return fmt::format("no priority is below {}", bounds.below_priority);
   if (is_of_cpus(key) && bounds.cpus.empty()) return "there is only one CPU";
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
-    return "the scenario does not state kernel.threaded-napi: on, with which NAPI has threads";
+    return "NAPI has threads only with kernel.threaded-napi: on in the scenario";
   return "";
 }
 
@@ -91,7 +91,7 @@ std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& b
     return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
   };
   if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty())
-    return fmt::format("it is {} already", present);
+    return fmt::format("already {}", present);
   std::string last;
   std::erase_if(knob.values, [&](const std::string& value) {
     const auto why = bounds.cannot({knob.key, value});
@@ -146,15 +146,14 @@ std::vector<std::string> contradictions(const conditions::Run& run) {
   for (const auto* name : {"rmem-max", "rmem-default"})
     if (const auto found = run.kernel.find(name); found != run.kernel.end())
       if (const auto payload = run.task.client.payload_bytes; std::stoull(found->second) < payload)
-        all.push_back(
-            fmt::format("kernel.{} of {} bytes holds no message of {}: make it larger than a message", name,
-                        found->second, payload));
+        all.push_back(fmt::format("kernel.{} ({} bytes) is smaller than a message ({} bytes): increase it",
+                                  name, found->second, payload));
   const auto& qos = run.task.config.qos;
   if (run.faults.loss > 0 && qos.reliability == transport::Reliability::reliable &&
       qos.history == transport::History::keep_last && qos.depth == 1)
     all.emplace_back(
-        "qos.reliability: reliable with qos.depth: 1 on a link that loses packets: the next message "
-        "replaces a lost one before it is sent again; raise qos.depth");
+        "qos.reliability: reliable with qos.depth: 1 on a lossy link: the next message replaces a lost one "
+        "before it is resent. Increase qos.depth");
   return all;
 }
 

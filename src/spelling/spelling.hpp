@@ -11,7 +11,7 @@ namespace ontime::spelling {
 // neighbour), at most one for every three letters; or one that begins with `word`. "": none.
 std::string nearest(const std::string& word, const std::vector<std::string>& words);
 
-// "; did you mean 'udp'?", or "".
+// " (did you mean 'udp'?)", or "".
 std::string suggestion(const std::string& word, const std::vector<std::string>& words);
 
 }  // namespace ontime::spelling
