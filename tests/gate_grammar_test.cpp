@@ -59,7 +59,7 @@ TEST(Parse, Changes) {
   EXPECT_DOUBLE_EQ(points.limit, 0.005);
 }
 
-TEST(Parse, SaysInWhichColumnWhatIsWrong) {
+TEST(Parse, ErrorsNameTheColumnAndTheCause) {
   const std::pair<const char*, const char*> cases[] = {
       {"", "column 1: a metric is missing"},
       {"p98 > 2 ms", "column 1: 'p98' is not a metric"},

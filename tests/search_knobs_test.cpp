@@ -36,7 +36,7 @@ TEST(Goal, NoneMayBeAShareToo) {
     EXPECT_EQ(goal_of(text).front().limit.share, 0) << text;
 }
 
-TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
+TEST(Goal, AnythingButAShareOfMessagesIsRefused) {
   for (const auto* text :
        {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and", "and late = 0",
         "p99 > 1 ms", "p99 << 1 ms", "late =", "p99 < +10%", "p99", "late < 0", "p99 < 0 ms",
@@ -84,7 +84,7 @@ TEST(Goal, UnansweredMessagesAreNotWithinALimit) {
 auto of_key(const std::string& key) { return Field(&Knob::key, key); }
 auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key); }
 
-TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
+TEST(Knobs, ForbiddenMissingOrPresentSettingsAreLeftOutWithAReason) {
   conditions::Run run;
   run.kernel = {{"rt-throttling", "off"}};
   const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, [](const Setting& setting) {
@@ -255,7 +255,7 @@ TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
   EXPECT_THAT(kept.units[1].text, HasSubstr("--interface eth3"));
 }
 
-TEST(Keep, OfTwoHostsTheOneWhoseInterfaceIsNotKnownHasAPlaceholder) {
+TEST(Keep, AnUnknownInterfaceOfOneHostHasAPlaceholder) {
   const auto kept =
       keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(2));
@@ -271,7 +271,7 @@ TEST(Keep, SettingsOfNoInterfaceNeedNone) {
   EXPECT_EQ(kept.fill_in, "");
 }
 
-TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
+TEST(Keep, SettingsOfAProcessNeedNoUnitAndAnEmptySetNothing) {
   const auto of_process = keep({}, {{"realtime", "on"}}, {}, "/usr/bin/env");
   EXPECT_EQ(of_process.scenario, "    realtime: on\n");
   EXPECT_THAT(of_process.units, IsEmpty());

@@ -38,13 +38,13 @@ std::string answer_of(const SearchReport& report) {
   return "";
 }
 
-// What is left of a search for a border within a double is 0.
+// A rest of rounding is 0.
 std::string percent(double share) {
   return std::abs(share) < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share);
 }
 
-// "p99.9 < 1 ms: 3 of 24000 messages break it, [0.001, 0.06] %"; where the goal holds, by the one-sided limit
-// that its proof used: "…; proven: less than 0.09 %, and the goal permits 0.1 %".
+// "p99.9 < 1 ms: 3 of 24000 messages break it, 95 % confidence interval [0.001, 0.06] %"; where the goal
+// holds, with the one-sided limit of the proof: "…; proven: less than 0.09 % (goal: 0.1 %)".
 std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
   auto text = fmt::format("{}: {:.0f} of {:.0f} messages break it", limit.text, share.events, share.messages);
   if (proof == nullptr)
@@ -71,7 +71,7 @@ std::string contribution_text(const search::Problem& problem, const search::Cont
                      one.is_needed ? "" : "; not proven to be needed");
 }
 
-// Settings that trials of this kind and end added or left out, but for those that the search kept after all.
+// Settings that trials of this purpose and decision added or removed, without those that the search kept.
 std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpose, Decision decision) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials) {
@@ -90,7 +90,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
   return all;
 }
 
-// Why settings could not be set here, each once.
+// Why settings were refused, each reason once.
 std::vector<std::string> refusals(const search::Outcome& outcome) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials)
@@ -221,7 +221,7 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
-// Lines stay lines: `made` keeps one.
+// Applies `made` to each line.
 std::string by_line(const std::string& text, std::string (*made)(const std::string&)) {
   std::string lines;
   std::istringstream stream(text);

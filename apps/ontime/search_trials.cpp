@@ -19,7 +19,7 @@ namespace {
 using campaign::Error;
 using namespace std::chrono_literals;
 
-// Kinds of notes: of each run that counts, and of the first what the search is of.
+// Kinds of notes: one for each run that counts; the others for the first run, with the search's subject.
 constexpr const char *run_note = "search", *goal_note = "search-goal", *about_note = "search-run",
                      *settings_note = "search-settings";
 constexpr int most_attempts = 3;
@@ -42,7 +42,7 @@ std::set<std::string> parts_of(const std::string& list) {
   return parts;
 }
 
-// Of two lists what the first alone has.
+// The entries that only the first list has.
 std::string without(const std::string& list, const std::string& other) {
   const auto mine = parts_of(list), theirs = parts_of(other);
   std::vector<std::string> only;
@@ -94,7 +94,7 @@ std::vector<std::string> denied_settings(const record::Run& run) {
   return all;
 }
 
-// What a run set stays so until it restores it, unless another process changes it.
+// A setting keeps the run's value until the run restores it, unless another process changes it.
 std::string changed_by_another(const record::Run& run) {
   for (const auto& [name, host] : run.outcome.hosts)
     for (const auto& change : host.kernel)
@@ -148,7 +148,7 @@ void Trials::recall(const std::string& results) {
     const auto notes = reader.notes(run.number);
     all.insert(all.end(), notes.begin(), notes.end());
     const auto found = std::ranges::find_if(notes, [](const auto& note) { return note.kind == run_note; });
-    // It was cut off, or failed for a reason that passes.
+    // It was cut off, or its failure may pass.
     if (found == notes.end() || !run.outcome.has_ended()) continue;
     known_.push_back({found->text, std::move(run)});
   }
@@ -216,7 +216,7 @@ bool Trials::wait_after(const std::string& failure) {
   return places_.interrupts == 0;
 }
 
-// Throws Error for what says nothing of the set.
+// Throws Error for failures that are not the set's.
 std::optional<search::Answer> Trials::measured(const search::Order& order,
                                                const campaign::Scenario& scenario) {
   auto& writer = places_.writer;

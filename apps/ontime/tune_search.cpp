@@ -38,7 +38,7 @@ constexpr double too_many_runs = 24;  // to prove that a goal holds
 
 struct Arguments {
   std::string scenario, goal, on = here, within = usual_time, results, keep_cpus_off, format = "table";
-  std::string send_to;  // of the search in the lab's machine: it measures, and shows nothing
+  std::string send_to;  // for the search in the lab's machine, which measures and prints nothing
   std::vector<std::string> never;
   Choice choice;
   LabFlags lab;
@@ -69,7 +69,7 @@ void check_never(const std::string& name) {
                              spelling::suggestion(name, words), fmt::join(keys, ", ")));
 }
 
-// Where anything may be put: of these CPUs those that the user does not keep.
+// The CPUs that settings may use: without those of --keep-cpus-off.
 std::vector<int> cpus_of(const Arguments& arguments, std::vector<int> cpus) {
   if (arguments.keep_cpus_off.empty()) return cpus;
   const auto there = realtime::list_of(cpus);
@@ -97,7 +97,7 @@ search::Bounds bounds_of(const Arguments& arguments, const campaign::Scenario& s
   return bounds;
 }
 
-// What was asked for, checked. No machine was looked at.
+// The checked arguments. Reads no machine.
 struct Asked {
   std::vector<search::Part> goal;
   std::string file;
@@ -108,7 +108,7 @@ struct Asked {
   Seconds within;
 };
 
-// How long the search may take at least, by its first trial.
+// The least time of a search, from its first trial.
 struct Plan {
   Seconds of_run{0};
   double runs = 1;  // of the first trial: to prove that the goal holds, where it does
@@ -139,7 +139,7 @@ void check_time(const Arguments& arguments, Seconds within, const Plan& plan, Te
     terminal.note(fmt::format("a proof takes about {:.0f} runs: use longer runs (--duration)", plan.runs));
 }
 
-// What is said before the first trial: contradictions, and settings that cannot help.
+// Notes before the first trial: contradictions, and settings that are not tried.
 void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Terminal& terminal) {
   for (const auto& text : search::contradictions(scenario.runs.front()))
     terminal.note("contradiction: " + text);
@@ -201,7 +201,7 @@ class Searched {
             places) {}
 
   void recall() { trials_.recall(asked_.results); }
-  // All runs that there are; why there are no more, and the exit code of that.
+  // Recalls all runs; the search then ends for this reason, with this exit code.
   void recall(const std::string& why, int code) {
     recall();
     trials_.end(why, code);
@@ -280,8 +280,8 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
   return searched.exit_code();
 }
 
-// As `search_here` made it in the lab's machine, out of the runs in the results. It knew what its machine can
-// have: they say it.
+// The search that `search_here` made in the lab's machine, from the runs in the results, which also store the
+// settings that its machine can have.
 Searched recalled(const Arguments& arguments, const Asked& asked, const Trials::Places& places) {
   const auto reader = places.writer.reader();
   auto bounds = asked.bounds;
@@ -311,13 +311,12 @@ std::vector<std::string> flags_of(const Arguments& arguments) {
   return words;
 }
 
-// Of a shell that a signal ended, 128 and the signal.
+// A shell that a signal ended exits with 128 plus the signal.
 int exit_code_of(const LabEnd& end) {
   return end.code == 0 || (end.code > 3 && end.code != 130) ? 3 : end.code;
 }
 
-// The whole search is made there, in one machine. Here it is made again out of the runs that arrived, which
-// leads to the same.
+// The lab's machine makes the whole search. Here the runs that arrived are replayed, with the same result.
 int search_in_lab(const Arguments& arguments, const Asked& asked, InLab& lab, Terminal& terminal,
                   campaign::Interrupts& interrupts) {
   record::Writer writer(asked.results);
@@ -406,7 +405,7 @@ void add_tune_search(Command& tune) {
       ->needs("--results");
   add_format(*command, arguments->format);
   arguments->lab.add(*command, "With --on lab");
-  command->add_option("--send-to", arguments->send_to, "each run that counts; show nothing")->group("");
+  command->add_option("--send-to", arguments->send_to, "send each run that counts; print nothing")->group("");
   command->calls([arguments] { return run(*arguments); });
 }
 

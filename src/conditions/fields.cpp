@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The list of all fields of a run, but for those of what is around it, and the form that the list gives a
-// run.
+// The list of all fields of a run, and its JSON form. The fields of load, link and kernel are in network.cpp.
 #include "conditions/fields.hpp"
 
 #include <algorithm>
@@ -18,7 +17,7 @@ using std::chrono::nanoseconds;
 using transport::Config;
 
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
-constexpr std::int64_t max_domain = 232;  // the last one whose ports exist
+constexpr std::int64_t max_domain = 232;  // the highest with valid ports
 
 nanoseconds period_of(Text text) {
   const auto period = positive_duration(text, 1h);
@@ -80,7 +79,7 @@ Codec<std::vector<std::string>> robot_topics() {
 auto in_client(auto member) { return within(&Run::task, &Task::client, member); }
 auto in_config(auto member) { return within(&Run::task, &Task::config, member); }
 
-// Of what the record has in a way of its own.
+// A field that the record writes in its own way.
 Field written(Field field, std::function<json(const Run&)> to_json) {
   field.to_json = std::move(to_json);
   return field;
@@ -108,7 +107,7 @@ Fields fields_of_record() {
       })};
 }
 
-// Of what the run is.
+// Identity, baseline, search and transport of a run.
 Fields fields_of_run() {
   return {
       field({"title", "", "TEXT", "title of the run, for people"}, "title", text(), &Run::title),
@@ -139,7 +138,7 @@ Fields fields_of_run() {
             "component_restart", or_null(on_or_off()), &Run::component_restart)};
 }
 
-// Of how it sends.
+// Payload, schedule and time limits.
 Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
@@ -178,7 +177,7 @@ Fields fields_of_sending() {
             in_config(&Config::receive))};
 }
 
-// Of the topics, and how they are served. The names that are said become whole ones at the end.
+// Topics and their QoS. scenario::complete() makes the names absolute.
 Fields fields_of_topics() {
   using transport::Durability, transport::History;
   auto name_space = ros_name();
@@ -235,7 +234,7 @@ Fields listening_fields() {
                 "listen.age_us", limit, within(&Run::listening, &Listening::age))};
 }
 
-// What says nothing as long as it is not asked for, whatever its parts are.
+// Groups that are null in JSON as long as they are not requested.
 constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
     {"search", [](const Run& run) { return run.step.of > 0; }},
     {"traffic", [](const Run& run) { return run.traffic.any(); }},

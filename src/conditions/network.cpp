@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is beside the messages: load, traffic, the link's faults, ordinary topics, reserved CPUs, kernel
-// settings.
+// Fields of the conditions around the messages: load, traffic, link faults, background topics, reserved CPUs,
+// kernel settings.
 #include <string_view>
 
 #include "conditions/fields.hpp"
@@ -13,7 +13,7 @@ using nlohmann::json;
 using std::chrono::microseconds;
 using std::chrono::nanoseconds;
 
-// Of a stress-ng worker, for which 0 would mean stress-ng's own choice.
+// For a stress-ng worker 0 would mean stress-ng's default.
 std::uint64_t size_of(Text text) {
   const auto bytes = bytes_of(text);
   if (bytes == 0) throw std::invalid_argument(fmt::format("'{}' must be positive", text));
@@ -65,7 +65,7 @@ Fields traffic_fields() {
             number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
 }
 
-// Of netem, which takes whole microseconds.
+// netem takes whole microseconds.
 Codec<microseconds> delay() {
   const auto of_text = [](Text text) {
     const auto delay = positive_duration(text, 1h);
@@ -108,7 +108,7 @@ Cut cut_of(Text text) {
   return {at, whole};
 }
 
-// An order about the link says by a bare `true` that it has to provide for a cut.
+// In an order, a bare `true` requests a link that can be cut.
 Field cut() {
   return {.path = "link.cut",
           .flag = "",
@@ -135,7 +135,7 @@ Field cut() {
 }
 
 Fields link_fields() {
-  // How long after it was due a message leaves, in ns: the port's word for it.
+  // The launch time after the due time; in ns, as the transport takes it.
   const auto launch = time(us, up_to_an_hour);
   const Codec<std::int64_t> launch_ns{
       [=](Text text) { return launch.of_text(text).count(); },
@@ -178,7 +178,7 @@ Fields link_fields() {
       cut()};
 }
 
-// The record has a rate, and both directions for themselves.
+// The record stores a rate in Hz instead of a period.
 Codec<nanoseconds> rate() {
   return {period_of_rate,
           [](const nanoseconds& period) { return json(1e9 / static_cast<double>(period.count())); },
@@ -209,7 +209,7 @@ std::string cpus_of(Text text) {
   return realtime::list_of(*cpus);
 }
 
-// As systemd's CPUQuota: of one CPU, and so more than 100 % where there are several.
+// As systemd's CPUQuota: 100 % is one CPU, so several CPUs permit more.
 double quota_of(Text text) {
   constexpr std::int64_t most = 102'400;  // of 1024 CPUs
   if (text == "none") return 0;

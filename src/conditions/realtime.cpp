@@ -41,7 +41,7 @@ Field setting(Field how, const std::vector<std::string>& parts, SetSettings set)
   how.end = both;
   for (const auto& part : parts) how.parts.push_back("realtime_settings." + part);
   return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
-    auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
+    auto checked = run.task.realtime;  // an invalid value is refused even where it has no effect
     set(checked, text);
     if (run.realtime_refused) return;
     set_realtime_on(run);
@@ -49,7 +49,7 @@ Field setting(Field how, const std::vector<std::string>& parts, SetSettings set)
   });
 }
 
-// What idle states are limited by: a whole number of microseconds, as the kernel takes it.
+// The limit of idle states' exit latency: the kernel takes whole microseconds.
 std::optional<std::chrono::microseconds> cpu_latency_of(Text text) {
   if (text == "any") return {};
   const auto latency = duration_of(text);

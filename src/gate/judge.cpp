@@ -63,8 +63,8 @@ std::optional<Question> question_of(const Gate& gate, const Summary& run) {
   return Question{probability_beyond(gate, run), metric.share_above()};
 }
 
-// So short that it could not have shown that it keeps to the limit. Where no event says that they come in
-// bursts, the number of messages alone decides: whether a run can pass is not left to chance.
+// The run is too short to prove that it meets the limit. Without events there is no sign of bursts: then only
+// the number of messages decides, so that chance does not.
 bool is_too_short(const Question& question) {
   const auto& of = question.of.at_most;
   return static_cast<double>(of.messages) <
@@ -77,8 +77,7 @@ bool is_every_message(const statistics::Probability& slower) {
   return slower.messages >= enough && slower.events == slower.messages;
 }
 
-// What the number of slower messages shows of a percentile, whose value is above its limit or not: each
-// answer by the bound that speaks against it.
+// Judges a percentile by the number of slower messages. Each answer uses the bound that opposes it.
 Answer answer_by_share(const Question& question, bool is_above) {
   const auto& [least, most] = question.of;
   if (is_above && (is_every_message(least) || statistics::exceeds(least, question.most) == Answer::yes))
@@ -129,7 +128,7 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
       gate, run);
 }
 
-// What the answer to "is the limit passed" makes of a gate.
+// The judgement that follows from the answer to "is the limit exceeded".
 Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
   auto held = judgement(gate, std::move(run), Result::held, says);
@@ -138,7 +137,7 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
   return held;
 }
 
-// Of what was listened to, that which the gate asks for; empty: it can be judged.
+// Why `ontime listen` did not see what the gate judges; empty: it did.
 std::string not_seen(const Gate& gate, const Summary& run) {
   if (gate.figure == Figure::lost && !statistics::knows_loss(run.run))
     return "the number of lost messages is unknown";

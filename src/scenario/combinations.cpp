@@ -18,7 +18,7 @@ constexpr std::size_t most_different_runs = 10'000;
 constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
 
-// What the bridge has not by which several namespaces are joined.
+// Keys that have no effect on a bridge between several namespaces.
 void check_behind_a_bridge(const std::string& path, const Hosts& hosts) {
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() == 1) return;
   for (const auto* of_ports :
@@ -29,7 +29,7 @@ void check_behind_a_bridge(const std::string& path, const Hosts& hosts) {
           "key or components");
 }
 
-// By which alone a transport without topics tells components apart; and iperf3, which listens there.
+// Transports without topics, and iperf3, tell components apart only by address.
 void check_addresses(const Together& all, const Hosts& hosts) {
   std::map<std::string, std::string> of_transport, of_traffic;
   const auto check = [](auto& names, const std::string& reason, const std::string& address, const Run& run) {
@@ -46,8 +46,7 @@ void check_addresses(const Together& all, const Hosts& hosts) {
   }
 }
 
-// The controller's ends of all are on one interface, of which each would take the queue and the place of an
-// XDP program.
+// All controller ends share one interface, which has one XDP program and one queue for it.
 void check_queues(const Together& all) {
   const Run* first = nullptr;
   for (const auto& run : all) {
@@ -68,12 +67,12 @@ struct Choice {
 };
 struct Dimension {
   std::string path;
-  const conditions::Key* key;  // nothing: a transport's option
+  const conditions::Key* key;  // null: a transport's option
   std::vector<Choice> choices;
   Said said;
 };
 
-// Of one run as it is written.
+// The runs that one entry of `runs` makes.
 class Combinations {
  public:
   Combinations(Origin& origin, const std::string& id, const YAML::Node& node, const Required& required)
@@ -166,7 +165,7 @@ class Combinations {
     return choices;
   }
 
-  // Each component of which anything is said alone, and all, as one ("").
+  // Each component with keys of its own, and all together ("").
   std::set<std::string> owners_of_all() const {
     std::set<std::string> owners{""};
     for (const auto& dimension : dimensions_) owners.insert(dimension.said.component);
@@ -204,7 +203,7 @@ class Combinations {
                id_, most_held >> 20U));
   }
 
-  // The key that is searched becomes the last, so that its values follow one another. False: there is none.
+  // Makes the searched key the last, so that its values follow one another. False: no key is searched.
   bool search_last() {
     const auto at = [&](const std::string& path) {
       return std::ranges::find(dimensions_, path, &Dimension::path);
@@ -222,7 +221,7 @@ class Combinations {
     return true;
   }
 
-  // Of all, and, where any has something of its own, of each: what varies for one is beside the others.
+  // A run for all components; `own` has one for each if any has keys of its own.
   Run make_runs(const std::set<std::string>& owners) const {
     auto run = make_run("");
     for (const auto& component : owners)
@@ -237,7 +236,7 @@ class Combinations {
     return run;
   }
 
-  // Of all components, or of one by its name, where what is said of it alone comes before what is of all.
+  // Of all components (""), or of one: its own keys have precedence over the common ones.
   Run make_run(const std::string& component) const {
     Run run;
     run.id = id_;
@@ -271,7 +270,7 @@ class Combinations {
     return run;
   }
 
-  // By that key, or, of "realtime", by one below it.
+  // The component sets that key itself, or a key below it, such as realtime.priority.
   bool is_said_anew(const std::string& key, const std::string& component) const {
     return !component.empty() && std::ranges::any_of(dimensions_, [&](const Dimension& other) {
       return other.said.component == component &&

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What follows of the keys of a run, and what they rule out.
+// Completes and checks a run whose keys are set.
 #include "scenario/complete.hpp"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ using transport::Capabilities;
 using Text = const std::string&;
 
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
-constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
+constexpr std::int64_t max_domain = 232;       // the highest with valid ports
 
 std::string whole_topic(const Run& run, Text name) {
   if (name.starts_with('/')) return name;
@@ -59,7 +59,8 @@ void complete_isolation(const Run& run) {
                         role, cpu, wish.cpus));
 }
 
-// Whether one of ontime's own is known to have that, or not to have it: of others only the plug-in knows.
+// Whether a shipped transport has (or lacks) this capability; false for others, which only their plug-in
+// knows.
 bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
   const auto* const own = transport::shipped(transport);
   return own != nullptr && own->can.*what == has;

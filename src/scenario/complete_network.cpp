@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the keys of what is beside the messages rule out.
+// Checks of traffic, link faults and background topics.
 #include <sstream>
 #include <string_view>
 
@@ -13,7 +13,7 @@ namespace {
 
 using conditions::has_etf, conditions::text_of, conditions::Traffic;
 
-// As tc takes it, which is content with its beginning.
+// tc accepts abbreviations of the word.
 bool has_deadline_mode(const std::string& qdisc) {
   std::istringstream words(qdisc);
   for (std::string word; words >> word;)
@@ -87,7 +87,7 @@ constexpr std::chrono::microseconds least_step{10};  // between two messages of 
 constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
 constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
 
-// What only a transport with nodes and executors has.
+// These places exist only in a transport with nodes and executors.
 void check_place(const Run& run) {
   const auto* const where = roundtrip::word_of(run.task.neighbours.where);
   for (const auto& transport : {run.task.transport, run.component_transport})

@@ -32,7 +32,7 @@ bool is_text(utf::code_point c) {
   return utf::is_valid_codepoint(c) && !control;
 }
 
-// Where the first character is that no text has: half of one in UTF-8, or one that moves a terminal.
+// The first byte that is not valid UTF-8, or a control character.
 std::size_t first_of_no_text(const std::string& text) {
   for (auto at = text.begin(); at != text.end();) {
     const auto begin = at;
@@ -56,7 +56,7 @@ void check_characters(const std::string& file, const std::string& text) {
                       byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
 }
 
-// Follows what the parser finds, and stops it before there is too much of it.
+// Counts what the parser finds, and stops it at the limits.
 class Bounds final : public YAML::EventHandler {
  public:
   void OnDocumentStart(const YAML::Mark& mark) override {
@@ -87,7 +87,7 @@ class Bounds final : public YAML::EventHandler {
   void OnMapEnd() override { end(); }
 
  private:
-  // Of a node and all below it, each alias counted as what it stands for.
+  // Size of a node and all below it, with aliases expanded.
   struct Extent {
     std::size_t nodes, levels;
   };
@@ -101,7 +101,7 @@ class Bounds final : public YAML::EventHandler {
     throw YAML::ParserException(mark, message);
   }
 
-  // Of what has none yaml-cpp says "?", of what is quoted "!".
+  // yaml-cpp gives "?" for a value without a tag, and "!" for a quoted one.
   static void check(const YAML::Mark& mark, const std::string& tag) {
     if (!tag.empty() && tag != "?" && tag != "!")
       fail(mark, fmt::format("the tag '{}' has no effect in a scenario: leave it out", tag));
@@ -179,7 +179,7 @@ YAML::Node document_of(const std::string& file, const std::string& text) {
     std::istringstream in(text);
     YAML::Parser parser(in);
     Bounds bounds;
-    while (parser.HandleNextDocument(bounds)) {  // whatever is left after the first is refused as a second
+    while (parser.HandleNextDocument(bounds)) {  // OnDocumentStart refuses a second document
     }
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {

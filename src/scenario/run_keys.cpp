@@ -15,7 +15,7 @@ namespace {
 
 using conditions::keys;
 
-// "cpus" of "isolation"; "": it is no map.
+// "cpus" for "isolation"; "": no key is below it.
 std::string key_below(const std::string& path) {
   for (const auto& key : keys())
     if (key.path.starts_with(path + "."))
@@ -23,7 +23,7 @@ std::string key_below(const std::string& path) {
   return "";
 }
 
-// Why it cannot be said of one of several components alone, for people; "": it can.
+// Why a key cannot be set for one of several components, for people; "": it can.
 std::string common_to_all(const std::string& path) {
   constexpr std::pair<std::string_view, const char*> reasons[] = {
       {"id", "all components share the run"},
@@ -40,8 +40,7 @@ std::string common_to_all(const std::string& path) {
   return "";
 }
 
-// The same of a key that may be about a link: the controller's end of a component's is its own behind a
-// bridge.
+// As common_to_all(), also for link keys: behind a bridge each component has its own link to the controller.
 std::string why_not_its_own(const std::string& key, const Hosts& hosts) {
   if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
   if (hosts.kind == Hosts::Kind::stated) return "all components share the controller's interface";

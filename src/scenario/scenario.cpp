@@ -25,7 +25,7 @@ using conditions::number_of;
 constexpr std::size_t most_runs = 100'000;  // with repetitions
 constexpr std::size_t most_required = 100;
 
-// The first key of it by which something of the interface itself is set; "": none is.
+// The first key of the run that sets the interface itself; "": none.
 std::string of_an_interface(const Run& run) {
   for (const auto& setting : settings::table())
     if (setting.of_interface && run.kernel.contains(setting.name))
@@ -33,7 +33,7 @@ std::string of_an_interface(const Run& run) {
   return run.isolation.interrupts ? "isolation.interrupts" : "";
 }
 
-// "": it can be measured over that wire.
+// Why the run cannot be measured over that wire; "": it can.
 std::string why_not_over(const conditions::Wire& wire, const Run& run) {
   if (wire.vlan > 0) {
     const auto name = of_an_interface(run);
@@ -199,7 +199,7 @@ class File {
           throw Error(fmt::format("{}: {}: {}", scenario_.file, run.id, why));
   }
 
-  // A list that does not multiply: all of it must be so.
+  // A list that does not multiply: all gates apply.
   std::vector<std::string> read_require(const YAML::Node& node) const {
     std::vector<std::string> gates;
     const auto read = [&](const YAML::Node& gate) {

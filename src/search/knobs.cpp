@@ -57,7 +57,7 @@ std::vector<Knob> all_knobs(const Bounds& bounds) {
   return knobs;
 }
 
-// As the run has it by itself; "": it does not say.
+// The value in the run itself; "": not set.
 std::string stated(const conditions::Run& run, const std::string& key) {
   const auto& realtime = run.task.realtime;
   if (key == "realtime") return realtime.on ? "on" : "";
@@ -81,8 +81,8 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
   return "";
 }
 
-// Takes out the values that change nothing or cannot be set here. Returns why none is left, for people; "":
-// it may be tried.
+// Removes values that change nothing or cannot be set here. Returns why none is left, for people; "": the
+// knob can be tried.
 std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& bounds) {
   if (auto why = why_not(knob.key, run, bounds); !why.empty()) return why;
   const auto present = stated(run, knob.key);
@@ -101,7 +101,7 @@ std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& b
   return knob.values.empty() ? last : "";
 }
 
-// The values by which a rule of a remedy is kept to.
+// The values that satisfy a remedy's rule, such as "above the priority of X".
 std::vector<Setting> resolved(const Setting& setting, const explain::Part& part, const Bounds& bounds) {
   std::vector<Setting> all;
   if (is_of_cpus(setting.key)) {
@@ -113,7 +113,7 @@ std::vector<Setting> resolved(const Setting& setting, const explain::Part& part,
     const int most = is_of_kernel(setting.key) ? bounds.below_priority - 1 : highest_priority;
     if (above <= most) all.push_back({setting.key, std::to_string(std::max(above, least))});
   } else if (setting.key == "kernel.rmem-max") {
-    // What a socket may ask for, and what one that does not ask has.
+    // The largest buffer that a socket may request, and the default.
     all = {{"kernel.rmem-max", large_buffer}, {"kernel.rmem-default", large_buffer}};
   } else {
     all.push_back(setting);
