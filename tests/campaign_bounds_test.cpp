@@ -17,7 +17,7 @@ using testing::HasSubstr;
 
 TEST_F(ScenarioFile, AliasesThatNeverEndAreRefused) {
   EXPECT_THAT(error("defaults: &a {b: *a}\nruns: [{id: a, transport: udp}]\n"),
-              HasSubstr(":1:18: this alias stands within what it stands for"));
+              HasSubstr(":1:18: this alias"));
   EXPECT_THAT(error("runs: &r [{id: a, transport: udp}, *r]\n"), HasSubstr(":1:36: this alias"));
   EXPECT_THAT(error("hosts: &h {controller: {a: [*h]}}\nruns: [{id: a, transport: udp}]\n"),
               HasSubstr(":1:29: this alias"));
@@ -108,8 +108,7 @@ TEST_F(ScenarioFile, RunsHaveABound) {
            ", load: {controller: {vm-bytes: " + list(b) + "}}}\n";
   };
   EXPECT_EQ(read(with(1000, 10)).size(), 10'000U);
-  EXPECT_THAT(error(with(1000, 11)),
-              HasSubstr(":3:5: run 'a': with every combination of its lists there are more"));
+  EXPECT_THAT(error(with(1000, 11)), HasSubstr(":3:5: run 'a': its lists"));
   // The product of many lists is beyond all integers.
   std::string lists = "runs: [{id: a, transport: udp, options: {x0: [1, 2]";
   for (int i = 1; i < 200; ++i) lists += fmt::format(", x{}: [1, 2]", i);
@@ -117,12 +116,12 @@ TEST_F(ScenarioFile, RunsHaveABound) {
   // Neither may what they hold be multiplied at will.
   std::string heavy = "defaults: {transport: udp, options: {config: " + std::string(500'000, 'x') + "}}\n";
   EXPECT_THAT(error(heavy + "runs:\n  - {id: a, payload: " + list(1000) + "}\n"),
-              HasSubstr(":3:5: run 'a': the runs until here hold more than"));
+              testing::AllOf(HasSubstr(":3:5: run 'a': "), HasSubstr("32 MiB")));
   std::string wide = "defaults:\n  transport: udp\n  options: {o: 1";
   for (int i = 0; i < 10'000; ++i) wide += fmt::format(", o{}: 1", i);
   wide += "}\nruns:\n";
   for (int i = 0; i < 1000; ++i) wide += fmt::format("  - {{id: r{}}}\n", i);
-  EXPECT_THAT(error(wide), HasSubstr("the runs until here hold more than"));
+  EXPECT_THAT(error(wide), HasSubstr("32 MiB"));
 }
 
 TEST_F(ScenarioFile, OnlyTextIsRead) {

@@ -68,7 +68,7 @@ TEST_F(Components, HaveTopicsAndAKeyOfTheirOwn) {
 TEST_F(Components, AreRefusedInWords) {
   const auto of = [this](const std::string& components) { return error("components: " + components + runs); };
   EXPECT_THAT(of("arm"), AllOf(HasSubstr(":1:13: components: a list of names"), HasSubstr("[arm, base]")));
-  EXPECT_THAT(of("[]"), HasSubstr("0 are named; there may be 1 to 32"));
+  EXPECT_THAT(of("[]"), HasSubstr("1 to 32"));
   for (const auto* odd : {"Arm", "1st", "left-arm", "_a", "abcdefghijklm", "a/b"})
     EXPECT_THAT(of(std::string("[arm, ") + odd + "]"), AllOf(HasSubstr(":1:19: "), HasSubstr("is no name")))
         << odd;
@@ -77,14 +77,13 @@ TEST_F(Components, AreRefusedInWords) {
     EXPECT_THAT(of(std::string("[") + taken + "]"), HasSubstr("is already the name of a key"));
   EXPECT_THAT(of("[arm, arm]"), HasSubstr("'arm' occurs twice"));
   EXPECT_THAT(of("{arm: {address: 1.2.3.4}}"), HasSubstr("a list of names is needed"));
-  EXPECT_THAT(error("hosts: loopback\ncomponents: [arm]" + runs),
-              HasSubstr(":2:13: components: on loopback"));
+  EXPECT_THAT(error("hosts: loopback\ncomponents: [arm]" + runs), HasSubstr(":2:13: components: loopback"));
   const std::string stated = "hosts: {controller: {}}\ncomponents: ";
   EXPECT_THAT(error(stated + "[arm]" + runs), HasSubstr("a map of names and hosts"));
   EXPECT_THAT(error(stated + "{arm: {interface: eth1}}" + runs), HasSubstr(":2:14: components: arm.address"));
   EXPECT_THAT(error(stated + "{arm: {wat: x}}" + runs), HasSubstr("a host has ssh"));
   EXPECT_THAT(error("hosts: {component: {address: 1.2.3.4}}\ncomponents: {arm: {address: 1.2.3.5}}" + runs),
-              HasSubstr(":1:9: hosts: a component is stated here"));
+              HasSubstr(":1:9: hosts: component"));
 }
 
 TEST_F(Components, TakeWhatIsSaidOfAll) {
@@ -261,27 +260,28 @@ TEST_F(Components, AreRefusedWhatIsCommonToAllByName) {
   };
   EXPECT_THAT(with("duration: 1 s"),
               AllOf(HasSubstr(":3:35: arm.duration: "), HasSubstr("at the same time")));
-  EXPECT_THAT(with("explain: on"), HasSubstr("for all, or for none"));
-  EXPECT_THAT(with("kernel: {gro: on}"), HasSubstr("arm.kernel.gro: this cannot be said of one"));
-  EXPECT_THAT(with("isolation: {cpus: 0}"), HasSubstr("arm.isolation.cpus: this cannot be said of one"));
-  EXPECT_THAT(with("load: {controller: {cpu: 1}}"), HasSubstr("the controller is one for all"));
-  EXPECT_THAT(with("id: b"), HasSubstr("arm.id: this cannot be said"));
-  EXPECT_THAT(with("search: period"), HasSubstr("say search: NAME.KEY"));
-  EXPECT_THAT(with("link: {message-priority: 1}"), HasSubstr("the controller gives it to all"));
+  EXPECT_THAT(with("explain: on"), HasSubstr("arm.explain: cannot"));
+  EXPECT_THAT(with("kernel: {gro: on}"), HasSubstr("arm.kernel.gro: cannot"));
+  EXPECT_THAT(with("isolation: {cpus: 0}"), HasSubstr("arm.isolation.cpus: cannot"));
+  EXPECT_THAT(with("load: {controller: {cpu: 1}}"),
+              AllOf(HasSubstr("arm.load.controller.cpu: "), HasSubstr("share the controller")));
+  EXPECT_THAT(with("id: b"), HasSubstr("arm.id: cannot"));
+  EXPECT_THAT(with("search: period"), HasSubstr("search: NAME.KEY"));
+  EXPECT_THAT(with("link: {message-priority: 1}"), HasSubstr("arm.link.message-priority: cannot"));
   EXPECT_EQ(with("link: {message-priority: 1}", "[arm]"), "no error");
   EXPECT_EQ(with("link: {loss: 1 %}"), "no error");
   EXPECT_EQ(with("load: {component: {cpu: 1}}, neighbours: {topics: 1}, transport: cyclonedds"), "no error");
   EXPECT_THAT(with("perod: 1 ms"), AllOf(HasSubstr("unknown key 'arm.perod'"), HasSubstr("period")));
-  EXPECT_THAT(with("period: 1 ms, deadline: 2 s"), HasSubstr("run 'a', arm: the deadline (2 s)"));
+  EXPECT_THAT(with("period: 1 ms, deadline: 2 s"), HasSubstr("run 'a', arm: deadline (2 s)"));
   EXPECT_THAT(error("components: [arm]\nruns: [{id: a, transport: udp, arm: 5}]\n"),
-              HasSubstr("arm: what holds for this component alone"));
+              HasSubstr("arm: {period"));
   EXPECT_THAT(error("components: [arm]\nruns: [{id: a, transport: udp, leg: {period: 1 ms}}]\n"),
               HasSubstr("unknown key 'leg.period'"));
   EXPECT_THAT(error("runs: [{id: a, transport: udp, arm: {period: 1 ms}}]\n"), HasSubstr("unknown key"));
   const std::string stated =
       "hosts: {controller: {}}\ncomponents: {arm: {address: 10.0.0.1}, base: {address: 10.0.0.2}}\n";
   EXPECT_THAT(error(stated + "runs: [{id: a, transport: udp, arm: {link: {loss: 1 %}}}]\n"),
-              HasSubstr("arm.link.loss: this cannot be said of one component: the controller's interface"));
+              HasSubstr("arm.link.loss: cannot"));
   EXPECT_EQ(error(stated + "runs: [{id: a, transport: udp, link: {loss: 1 %}}]\n"), "no error");
 }
 
@@ -291,7 +291,7 @@ TEST_F(Components, WithTrafficHaveAddressesOfTheirOwn) {
                  ("runs: [{id: a, transport: cyclonedds, " + keys + "}]\n"));
   };
   EXPECT_THAT(of("traffic: {rate: 1 Mbit/s}"),
-              HasSubstr("with traffic each component has its own address, and arm and base have the same"));
+              AllOf(HasSubstr("arm and base have the same address"), HasSubstr("with traffic")));
   EXPECT_EQ(of("arm: {traffic: {rate: 1 Mbit/s}}"), "no error");
   EXPECT_THAT(of("arm: {transport: udp}, base: {transport: udp}"), HasSubstr("over udp"));
   EXPECT_EQ(of("arm: {transport: udp}"), "no error");
@@ -315,7 +315,7 @@ TEST_F(Components, BehindABridgeTakeNothingThatIsOfItsPorts) {
     const auto of = [&](const std::string& hosts) {
       return error(fmt::format("{}\nruns: [{{id: a, transport: udp, kernel: {{{}}}}}]\n", hosts, kernel));
     };
-    EXPECT_THAT(of("components: [arm, base]"), HasSubstr("joined by a bridge")) << kernel;
+    EXPECT_THAT(of("components: [arm, base]"), HasSubstr("bridge")) << kernel;
     EXPECT_EQ(of("components: [arm]"), "no error");
     EXPECT_EQ(of(stated), "no error");
   }
@@ -326,7 +326,8 @@ TEST_F(Components, OverUdpHaveAddressesOfTheirOwn) {
     return error("hosts: {controller: {}}\ncomponents: {arm: {address: robot}, base: {address: robot}}\n" +
                  ("runs: [{id: a, transport: " + transport + "}]\n"));
   };
-  EXPECT_THAT(of("udp"), AllOf(HasSubstr(":3:8: run 'a'"), HasSubstr("arm and base have the same: robot")));
+  EXPECT_THAT(of("udp"),
+              AllOf(HasSubstr(":3:8: run 'a'"), HasSubstr("arm and base have the same address, robot")));
   EXPECT_EQ(of("cyclonedds"), "no error") << "it has topics";
 }
 
@@ -335,10 +336,9 @@ TEST_F(Components, OverXdpWouldShareAQueueAtTheController) {
     return error("components: " + components + "\nruns: [{id: a, " + keys + "}]\n");
   };
   EXPECT_THAT(of("[arm, base]", "transport: xdp"),
-              AllOf(HasSubstr(":2:8: run 'a'"), HasSubstr("over xdp arm and base would share a queue"),
-                    HasSubstr("ethernet")));
+              AllOf(HasSubstr(":2:8: run 'a'"), HasSubstr("over xdp, arm and base"), HasSubstr("ethernet")));
   EXPECT_THAT(of("[arm, base, leg]", "transport: xdp, base: {transport: udp}"),
-              HasSubstr("over xdp arm and leg"));
+              HasSubstr("over xdp, arm and leg"));
   EXPECT_EQ(of("[arm]", "transport: xdp"), "no error");
   EXPECT_EQ(of("[arm, base]", "transport: xdp, base: {transport: ethernet}"), "no error");
   EXPECT_EQ(of("[arm, base]", "transport: ethernet, component: {transport: xdp}"), "no error")
@@ -354,7 +354,7 @@ TEST_F(Components, WithoutThatNameAreNowhere) {
 TEST_F(Components, ThatAreStartedAgainAreNotExplained) {
   const std::string run = "runs: [{id: a, transport: udp, component: {restart: on}";
   EXPECT_THAT(error(run + ", explain: on}]\n"),
-              AllOf(HasSubstr(":1:8: run 'a'"), HasSubstr("explain knows")));
+              AllOf(HasSubstr(":1:8: run 'a'"), HasSubstr("component.restart")));
   Selection selection;
   selection.explain = true;
   EXPECT_THAT(error(run + "}]\n", selection), HasSubstr("leave out explain or component.restart"));
@@ -370,23 +370,23 @@ TEST_F(Components, AreJoinedByAWireOfARateAndAVlan) {
   EXPECT_EQ(asked(run.runs[0], run.hosts)["wire"], nlohmann::json({{"bits_per_s", 0}, {"vlan", 5}}));
 
   const auto of = [this](const std::string& wire) { return error(wire + runs); };
-  EXPECT_THAT(of("wire: on"), HasSubstr(":1:7: wire: it has a rate, a vlan, or both"));
-  EXPECT_THAT(of("wire: {}"), HasSubstr("wire: it has a rate, a vlan, or both"));
+  EXPECT_THAT(of("wire: on"), HasSubstr(":1:7: wire: "));
+  EXPECT_THAT(of("wire: {}"), HasSubstr("rate: 10 Mbit/s, vlan: 5"));
   EXPECT_THAT(of("wire: {length: 5}"), HasSubstr(":1:8: wire: unknown key 'length'"));
   EXPECT_THAT(of("wire: {vlan: 4095}"), HasSubstr(":1:14: wire: vlan: '4095'"));
   EXPECT_THAT(of("wire: {vlan: 0}"), HasSubstr("wire: vlan: '0'"));
   EXPECT_THAT(of("wire: {rate: fast}"), HasSubstr(":1:14: wire: rate: 'fast'"));
   EXPECT_THAT(of("wire: {vlan: 5, vlan: 6}"), HasSubstr("vlan"));
-  EXPECT_THAT(of("hosts: loopback\nwire: {vlan: 5}"), HasSubstr(":2:7: wire: it joins the two namespaces"));
-  EXPECT_THAT(of("components: [arm, base]\nwire: {vlan: 5}"), HasSubstr("wire: it joins the two namespaces"));
+  EXPECT_THAT(of("hosts: loopback\nwire: {vlan: 5}"), HasSubstr(":2:7: wire: "));
+  EXPECT_THAT(of("components: [arm, base]\nwire: {vlan: 5}"), HasSubstr("hosts: namespaces"));
 }
 
 TEST_F(Components, HaveInterfacesOfOneQueueingDiscipline) {
   const std::string run = "\nruns: [{id: a, transport: udp, link: {delay: 1 ms}}]";
-  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + run), HasSubstr("a: wire.rate and link.delay both are"));
+  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + run), HasSubstr("a: wire.rate and link.delay"));
   EXPECT_EQ(read("wire: {rate: 10 Mbit/s, vlan: 5}" + run).runs.size(), 1u);
   const std::string own = "\ncomponents: [arm]\nruns: [{id: a, transport: udp, arm: {link: {delay: 1 ms}}}]";
-  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + own), HasSubstr("a: wire.rate and link.delay both are"));
+  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + own), HasSubstr("a: wire.rate and link.delay"));
   EXPECT_EQ(error("wire: {vlan: 5}" + own), "no error");
 }
 
@@ -413,8 +413,7 @@ TEST_F(Components, OverAVlanHaveNoSettingsOfTheInterfaceBelow) {
                                    {"kernel: {threaded-napi: [as-is, on]}", "kernel.threaded-napi"},
                                    {"kernel: {preset: paper}", "kernel.irq-threads"},
                                    {isolated, "isolation.interrupts"}}) {
-    EXPECT_THAT(of("vlan: 5", keys),
-                AllOf(HasSubstr("a: " + name + " is of the interface"), HasSubstr("or wire.vlan")));
+    EXPECT_THAT(of("vlan: 5", keys), AllOf(HasSubstr("a: " + name + " "), HasSubstr("or wire.vlan")));
     EXPECT_EQ(of("rate: 10 Mbit/s", keys), "no error");
   }
   EXPECT_EQ(of("vlan: 5", "kernel: {ksoftirqd: 50}, isolation: {cpus: 1}"), "no error");

@@ -24,9 +24,8 @@ class Neighbours : public ScenarioFile {
 
 TEST_F(Neighbours, AreNoneUnlessTopicsSaysHowMany) {
   EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].task.neighbours.topics, 0);
-  EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("neighbours.topics says how many"));
-  EXPECT_THAT(error(with("rate: 100 Hz")), HasSubstr("neighbours.topics says how many"))
-      << "though it is usual";
+  EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("set neighbours.topics"));
+  EXPECT_THAT(error(with("rate: 100 Hz")), HasSubstr("set neighbours.topics")) << "though it is usual";
   EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, neighbours: 4}]\n"),
               HasSubstr("neighbours: keys and values are needed here, such as neighbours: {topics: …}"));
 }
@@ -55,11 +54,11 @@ TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
   for (const auto& [wrong, why] : {std::pair("topics: 0", "from 1 to 100"),
                                    {"topics: 101", "from 1 to 100"},
                                    {"topics: 1, rate: 10", "has no unit"},
-                                   {"topics: 1, rate: 0 Hz", "no rate of messages"},
-                                   {"topics: 1, rate: 200 kHz", "no rate of messages"},
-                                   {"topics: 1, rate: -1 Hz", "no rate of messages"},
+                                   {"topics: 1, rate: 0 Hz", "0.1 Hz to 100 kHz"},
+                                   {"topics: 1, rate: 200 kHz", "0.1 Hz to 100 kHz"},
+                                   {"topics: 1, rate: -1 Hz", "0.1 Hz to 100 kHz"},
                                    {"topics: 1, payload: 2 GiB", "too large"},
-                                   {"topics: 100, payload: 16 MiB", "more than 1 GiB of memory"},
+                                   {"topics: 100, payload: 16 MiB", "1 GiB"},
                                    {"topics: 1, where: beside", "is not one of same-participant"},
                                    {"topics: 1, direction: up", "is not one of both"},
                                    {"topics: 1, priority: 100", "from 1 to 99"},
@@ -68,7 +67,7 @@ TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
                                    {"topics: 1, callback: 2 h", "at most 1 h"},
                                    {"topics: 1, number: 2", "unknown key 'neighbours.number'"}})
     EXPECT_THAT(error(with(wrong)), AllOf(HasSubstr(":1:"), HasSubstr(why))) << wrong;
-  EXPECT_THAT(error(with("topics: 10, rate: 20 kHz")), HasSubstr("more than 100000 messages a second"));
+  EXPECT_THAT(error(with("topics: 10, rate: 20 kHz")), HasSubstr("100000 messages"));
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {restart: on}")),
               HasSubstr("component.restart"));
 }
@@ -78,8 +77,7 @@ TEST_F(Neighbours, AreRefusedByNameOfATransportWithoutTopics) {
               AllOf(HasSubstr("transport udp has no topics"), HasSubstr("traffic")));
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {transport: udp}")),
               HasSubstr("transport udp has no topics"));
-  EXPECT_THAT(error(with("topics: 1, where: other-process", "ethernet")),
-              HasSubstr("transport ethernet has no neighbours"));
+  EXPECT_THAT(error(with("topics: 1, where: other-process", "ethernet")), HasSubstr("transport ethernet"));
 }
 
 TEST_F(Neighbours, AreInNodesAndExecutorsWithRos2Alone) {
@@ -90,11 +88,11 @@ TEST_F(Neighbours, AreInNodesAndExecutorsWithRos2Alone) {
     EXPECT_THAT(error(with(inside, "ros2", ", component: {transport: fastdds}")),
                 HasSubstr("fastdds has no nodes"));
     EXPECT_THAT(error(with(inside, "ros2", ", receive: waitset")),
-                AllOf(HasSubstr(where), HasSubstr("use receive listener")));
+                AllOf(HasSubstr(where), HasSubstr("receive: listener")));
   }
   EXPECT_EQ(error(with("topics: 1, where: same-process", "ros2", ", receive: waitset")), "no error");
-  EXPECT_THAT(error(with("where: same-node", "ros2")), HasSubstr("neighbours.topics says how many"));
-  EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("neighbours.topics says how many"));
+  EXPECT_THAT(error(with("where: same-node", "ros2")), HasSubstr("set neighbours.topics"));
+  EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("set neighbours.topics"));
 }
 
 // Only its plug-in knows, and the agent asks it: tests/agent_test.cpp.
@@ -243,7 +241,7 @@ TEST_F(Neighbours, ASearchIsOfOneKeyWithAList) {
                  search + "}\n");
   };
   EXPECT_EQ(of("payload"), "no error");
-  EXPECT_THAT(of("period"), AllOf(HasSubstr(":3:14: search: 'period' is no key of this run with a list")));
+  EXPECT_THAT(of("period"), AllOf(HasSubstr(":3:14: search: 'period'")));
   EXPECT_THAT(of("[payload, period]"), HasSubstr("one key at a time"));
   EXPECT_THAT(of("transport"), HasSubstr("transports have no order"));
 }

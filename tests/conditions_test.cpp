@@ -94,7 +94,7 @@ TEST_F(Recorded, EveryKeyIsFoundByTheNameOfAScenario) {
   EXPECT_FALSE(is_recorded("period_ms"));
 }
 
-TEST(Record, WhatNoRunCanHaveIsLeftOut) {
+TEST(Record, InvalidValuesKeepTheirDefaults) {
   const json strange{{"period_us", "soon"},
                      {"payload_bytes", -1},
                      {"schedule", "sometimes"},

@@ -44,7 +44,7 @@ Summary run(const Measured& p99, std::uint64_t late = 0) {
 
 Judgement judged(const char* text, const Summary& of) { return judge(parse(text, Use::fail_if), of); }
 
-TEST(Judge, ALimitIsPassedOnlyIfItSurelyIs) {
+TEST(Judge, AGateFailsOnlyIfTheIntervalExceedsTheLimit) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, 3.5))).result, Result::missed);
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).result, Result::held);
   const auto unsure = judged("p99 > 2 ms", run(measured(2.1, 1.9, 2.4)));
@@ -84,7 +84,7 @@ TEST(Judge, ARunTooShortForThePercentileIsOpen) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, {}))).result, Result::missed) << "sure enough";
 }
 
-TEST(Judge, ARunOfWhichEveryMessageIsSlowerFailsHoweverTheyDependOnOneAnother) {
+TEST(Judge, ARunFailsIfEveryMessageIsSlowerDespiteADesignEffect) {
   auto all = slower(150, 150, 40);
   all.round_trip_certainty[statistics::Figure::p99].value = 3'100'000;
   all.round_trip_certainty[statistics::Figure::p99].sure =
@@ -105,7 +105,7 @@ TEST(Judge, APercentileFailsByTheLeastNumberOfSlowerMessages) {
   EXPECT_EQ(judged("p50 > 2 ms", one).result, Result::missed) << "10,201 at least";
 }
 
-TEST(Judge, APercentileKeepsToALimitThatHardlyAnyAnswerPasses) {
+TEST(Judge, APercentileHoldsIfFewMessagesExceedTheLimit) {
   const auto none = judged("p99 > 2 ms", slower(0, 1500));
   EXPECT_EQ(none.result, Result::held);
   EXPECT_TRUE(none.is_sure);
@@ -118,7 +118,7 @@ TEST(Judge, APercentileKeepsToALimitThatHardlyAnyAnswerPasses) {
   EXPECT_EQ(judged("p99.9 > 2 ms", slower(0, 1500)).result, Result::cannot_judge) << "that takes 3,000";
 }
 
-TEST(Judge, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
+TEST(Judge, UnknownLossOrLatenessIsOpen) {
   auto one = run(measured(1, 0.9, 1.1));
   one.run.asked.measures = "age";
   EXPECT_EQ(judged("lost > 0", one).result, Result::held);
@@ -129,7 +129,7 @@ TEST(Judge, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
   EXPECT_EQ(judged("late > 0", one).result, Result::cannot_judge) << "no limit was stated";
 }
 
-TEST(Judge, APercentileOfWhatWasAnsweredIsNotCertainWhereMoreWasLostThanItLeavesOut) {
+TEST(Judge, APercentileIsNotCertainIfMoreMessagesAreLostThanItLeavesOut) {
   auto one = slower(0, 1500);
   one.sent = 1600;
   one.lost = 100;
@@ -166,7 +166,7 @@ Summary losing(std::uint64_t lost, std::uint64_t messages, double effect_of_few 
   return one;
 }
 
-TEST(Judge, ARunTooShortForAShareHoldsNoLineEither) {
+TEST(Judge, ARunTooShortForAShareIsOpen) {
   const auto result = [](const Summary& of) { return judged("lost > 1%", of).result; };
   EXPECT_EQ(result(losing(2, 20)), Result::cannot_judge);
   EXPECT_EQ(result(losing(0, 20)), Result::cannot_judge) << "300 without a loss are needed";
@@ -178,7 +178,7 @@ TEST(Judge, ARunTooShortForAShareHoldsNoLineEither) {
   EXPECT_EQ(result(losing(10, 20)), Result::missed) << "sure enough";
 }
 
-TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
+TEST(Judge, CountsAndMaximaAreComparedWithoutAnInterval) {
   EXPECT_EQ(judged("late > 0", run({}, 1)).result, Result::missed);
   EXPECT_EQ(judged("late > 0", run({}, 0)).result, Result::held);
   EXPECT_EQ(judged("late > 1", run({}, 1)).result, Result::held);
@@ -193,12 +193,12 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   const auto held = judged("late > 0", stalled);
   EXPECT_EQ(held.result, Result::held);
   EXPECT_FALSE(held.is_sure);
-  EXPECT_THAT(held.says, HasSubstr("but 300 of 1299 cycles had no answer in time"));
+  EXPECT_THAT(held.says, HasSubstr("300 of 1299 cycles"));
   EXPECT_FALSE(judged("max > 7 ms", stalled).is_sure);
-  EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("(response max)"));
+  EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("response max"));
 }
 
-TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
+TEST(Judge, UnmeasuredRunsAreOpen) {
   for (const auto& outcome : {json(), json{{"interrupted", true}}, json{{"error", "no pong"}},
                               json{{"interrupted", false}, {"dropped_records", 3}}}) {
     auto cut_off = run(measured(1, 0.5, 1.5));
@@ -214,7 +214,7 @@ TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
   EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
 }
 
-TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
+TEST(EndsSearch, AtMissesAndAtShortfalls) {
   const json asked{{"link", {{"loss", 0.01}}}, {"search", {{"step", 1}}}};
   for (const auto* what :
        {R"({"late": 1})", R"({"lost": 1})", R"({"skipped_cycles": 1})", R"({"late": "x"})", R"({"sent": 0})",
@@ -240,16 +240,16 @@ TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
   EXPECT_FALSE(ends_search(json{{"search", nullptr}}, unanswered)) << "a run that is no step of one";
 }
 
-TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
+TEST(Judge, ARunWithoutItsRequestedConditionsIsOpen) {
   auto idle = run(measured(1, 0.5, 1.5));
   amend(idle.run.outcome, "/hosts/component", {{"load_running", false}});
-  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the load on the component had died by the end");
+  EXPECT_THAT(judged("p99 > 2 ms", idle).says, HasSubstr("load on the component"));
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   amend(idle.run.outcome, "/hosts/component/load_running", nullptr);  // none was asked for
   EXPECT_EQ(judged("p99 > 2 ms", idle).result, Result::held);
   amend(idle.run.outcome, "/traffic",
         {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}});
-  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
+  EXPECT_THAT(judged("p99 > 2 ms", idle).says, HasSubstr("traffic"));
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   auto tuned = run(measured(1, 0.5, 1.5));
   auto& set = tuned.run.outcome.hosts["controller"].kernel;
@@ -258,8 +258,7 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   for (const auto& now : {json("other"), json()}) {
     set[0].now = now;
     EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::cannot_judge);
-    EXPECT_EQ(judged("late > 0", tuned).says,
-              "kernel.irq-threads was not as it was asked for to the end, on the controller");
+    EXPECT_THAT(judged("late > 0", tuned).says, HasSubstr("kernel.irq-threads on the controller"));
   }
   auto whole = run(measured(1, 0.5, 1.5));
   amend(whole.run.outcome, "/hosts/component/link/gone", "another process removed the rules");
@@ -268,7 +267,7 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);
 }
 
-TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
+TEST(Judge, DeniedSettingsAndSmallerLoadAreOpen) {
   auto denied = run(measured(1, 0.5, 1.5));
   denied.run.outcome.counters.sent = 1000;
   denied.run.outcome.hosts["controller"].refusals = {{"lock memory", "EPERM", ""}, {"fifo 80", "EPERM", ""}};
@@ -281,7 +280,7 @@ TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
   small.run.outcome.counters.sent = 1000;
   auto& load = small.run.outcome.hosts["component"].load;
   load = {1 << 30, 1'000'000};
-  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the hdd load on the component was smaller than requested");
+  EXPECT_THAT(judged("p99 > 2 ms", small).says, HasSubstr("hdd load on the component"));
   EXPECT_TRUE(ends_search(small.run.asked, small.run.outcome))
       << "a step that was never there was not passed";
   load->hdd_file_bytes = 1 << 29;
@@ -289,10 +288,10 @@ TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
   load.reset();
   small.run.outcome.hosts["component"].load_running = true;
   amend(small.run.asked, "/load/component", {{"vm", 4}, {"vm_bytes", 256 << 20}});
-  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the vm load on the component was smaller than requested");
+  EXPECT_THAT(judged("p99 > 2 ms", small).says, HasSubstr("vm load on the component"));
 }
 
-TEST(Judge, WhatIsRequiredMustBeSo) {
+TEST(Judge, RequiredGatesAreJudged) {
   auto of = run(measured(3, 2.5, 3.5), 1);
   amend(of.run.asked, "/require", {"p99 <= 2 ms", "late <= 1", "what is this", 7});
   const auto judgements = judge_all({}, of);
@@ -326,7 +325,7 @@ TEST(Judge, ARunThatFailedIsJudgedOnce) {
   EXPECT_EQ(judge_as_asked(run({})).result, Result::held);
 }
 
-TEST(Judge, WhatWasMeasuredAgainIsJudgedByThat) {
+TEST(Judge, ARunThatALaterOneRepeatsIsSuperseded) {
   const auto at = [](std::int64_t number, const char* key, int repetition, const json& outcome) {
     auto of = run({});
     of.run.number = number;
@@ -383,13 +382,13 @@ TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {
   }
 }
 
-TEST(JudgeAChange, NamesWhatItWasAndIs) {
+TEST(JudgeAChange, NamesBothValuesAndTheirChange) {
   EXPECT_THAT(text_of(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32))),
               ::testing::AllOf(HasSubstr("FAIL: p99 <= +10% (Test1.B udp)"),
                                HasSubstr("from 1 ms to 1.3 ms (+30 %)"), HasSubstr("98 % interval [+")));
 }
 
-TEST(JudgeAChange, OfOneRunOnASideIsOpenUnlessThatWillDo) {
+TEST(JudgeAChange, OneRunPerSideIsOpenUnlessSingleRunsAreJudged) {
   const auto a = run(measured(1, 0.98, 1.02)), b = run(measured(1.3, 1.28, 1.32));
   const auto gate = parse("p99 > +10%", Use::fail_if_compared);
   for (const auto& [from, to] : {std::pair<Runs, Runs>{{&a}, {&b}}, {{&a}, {&a}}, {{&a, &a}, {&b}}}) {
@@ -401,13 +400,13 @@ TEST(JudgeAChange, OfOneRunOnASideIsOpenUnlessThatWillDo) {
   EXPECT_EQ(judge(gate, {&a}, {&a}, SingleRuns::judged).result, Result::held);
 }
 
-TEST(JudgeAChange, OfTooFewMessagesInSingleRunsIsOpen) {
+TEST(JudgeAChange, TooFewMessagesInSingleRunsAreOpen) {
   const auto a = run(measured(1, 0.9, {})), b = run(measured(0.9, 0.8, 1));
   EXPECT_EQ(judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b}, SingleRuns::judged).result,
             Result::cannot_judge);
 }
 
-TEST(JudgeAChange, OfNothingAnyMoreIsInfinitelyMore) {
+TEST(JudgeAChange, AnyIncreaseFromZeroExceedsARatio) {
   auto a = run({}), b = run({}, 100);
   const auto share = [](double value, double low, double high) {
     statistics::Probability result;
@@ -431,10 +430,10 @@ TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
   lost.round_trip = {};
   const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b, &lost});
   EXPECT_EQ(judgement.result, Result::cannot_judge);
-  EXPECT_THAT(judgement.says, HasSubstr("of B: no message was answered"));
+  EXPECT_THAT(judgement.says, HasSubstr("of B: no message"));
 }
 
-TEST(JudgeAChange, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
+TEST(JudgeAChange, UnknownLossOrLatenessIsOpen) {
   auto one = run(measured(1, 0.9, 1.1));
   one.late_probability.messages = one.lost_probability.messages = 1500;
   one.run.asked.measures = "age";

@@ -36,7 +36,7 @@ TEST(Goal, NoneMayBeAShareToo) {
     EXPECT_EQ(goal_of(text).front().limit.share, 0) << text;
 }
 
-TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
+TEST(Goal, AnythingButAShareOfMessagesIsRefused) {
   for (const auto* text :
        {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and", "and late = 0",
         "p99 > 1 ms", "p99 << 1 ms", "late =", "p99 < +10%", "p99", "late < 0", "p99 < 0 ms",
@@ -84,7 +84,7 @@ TEST(Goal, UnansweredMessagesAreNotWithinALimit) {
 auto of_key(const std::string& key) { return Field(&Knob::key, key); }
 auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key); }
 
-TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
+TEST(Knobs, ForbiddenMissingOrPresentSettingsAreLeftOutWithAReason) {
   conditions::Run run;
   run.kernel = {{"rt-throttling", "off"}};
   const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, [](const Setting& setting) {
@@ -96,10 +96,9 @@ TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
     EXPECT_THAT(knobs.knobs, Not(Contains(of_key(key))));
     EXPECT_THAT(knobs.left_out, Contains(left_out(key)));
   }
-  EXPECT_THAT(
-      knobs.left_out,
-      Contains(AllOf(left_out("kernel.napi-threads"),
-                     Field(&Knobs::LeftOut::why, HasSubstr("does not state kernel.threaded-napi: on")))))
+  EXPECT_THAT(knobs.left_out,
+              Contains(AllOf(left_out("kernel.napi-threads"),
+                             Field(&Knobs::LeftOut::why, HasSubstr("kernel.threaded-napi: on")))))
       << "the machine may have it on";
   EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
   EXPECT_THAT(knobs.knobs,
@@ -256,7 +255,7 @@ TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
   EXPECT_THAT(kept.units[1].text, HasSubstr("--interface eth3"));
 }
 
-TEST(Keep, OfTwoHostsTheOneWhoseInterfaceIsNotKnownHasAPlaceholder) {
+TEST(Keep, AnUnknownInterfaceOfOneHostHasAPlaceholder) {
   const auto kept =
       keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(2));
@@ -272,7 +271,7 @@ TEST(Keep, SettingsOfNoInterfaceNeedNone) {
   EXPECT_EQ(kept.fill_in, "");
 }
 
-TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
+TEST(Keep, SettingsOfAProcessNeedNoUnitAndAnEmptySetNothing) {
   const auto of_process = keep({}, {{"realtime", "on"}}, {}, "/usr/bin/env");
   EXPECT_EQ(of_process.scenario, "    realtime: on\n");
   EXPECT_THAT(of_process.units, IsEmpty());

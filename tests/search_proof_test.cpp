@@ -233,7 +233,7 @@ constexpr const char* heading =
     "| fault | goal met | minimal | as small as exhaustive | fresh runs that hold | trials | runs | search | "
     "random search | successive halving | one at a time |\n|---|---|---|---|---|---|---|---|---|---|---|\n";
 
-TEST(Proof, OneFaultOfTenIsCuredByFewTrialsAndNoMoreThanItsSetting) {
+TEST(Proof, OneFaultOfTenIsCuredByItsSettingAloneInFewTrials) {
   fmt::print("{}", heading);
   Row all;
   for (const auto& fault : ten_faults()) {
@@ -373,7 +373,7 @@ TEST(Proof, AHealthyMachineIsLeftAsItIs) {
 }
 
 // A killed search knows its trials until then, and goes on with them.
-TEST(Proof, ASearchThatIsKilledGoesOnAndEndsAsIfItHadNotBeen) {
+TEST(Proof, AKilledSearchResumesWithTheSameResult) {
   std::mt19937_64 chance(1);
   for (int kill = 0; kill < (is_long() ? 100 : 10); ++kill) {
     const auto seed = chance() % 1000;

@@ -34,7 +34,7 @@ TEST(Spelling, AnotherWordIsNotFound) {
 }
 
 TEST(Spelling, SuggestionIsEmptyWithoutAWord) {
-  EXPECT_EQ(ontime::spelling::suggestion("udpp", {"udp"}), "; did you mean 'udp'?");
+  EXPECT_EQ(ontime::spelling::suggestion("udpp", {"udp"}), " (did you mean 'udp'?)");
   EXPECT_EQ(ontime::spelling::suggestion("frobnicate", {"udp"}), "");
 }
 

@@ -42,10 +42,7 @@ fs::path found(const std::string& name) {
   return {};
 }
 
-std::string meant(const std::string& name) {
-  const auto suggestion = spelling::suggestion(name, own_scenario_names());
-  return suggestion.empty() ? ";" : suggestion;
-}
+std::string meant(const std::string& name) { return spelling::suggestion(name, own_scenario_names()) + "."; }
 
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);

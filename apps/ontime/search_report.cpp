@@ -25,10 +25,9 @@ constexpr std::size_t most_causes = 3, most_name = 60;
 std::string answer_of(const SearchReport& report) {
   switch (report.outcome.end) {
     case End::goal_holds:
-      return report.outcome.set.empty() ? "the goal holds already; nothing to change" : "the goal holds";
+      return report.outcome.set.empty() ? "the goal holds without changes" : "the goal holds";
     case End::not_proven:
-      return "not proven: these runs are too few to tell whether it holds. Make the runs longer, or the goal "
-             "easier";
+      return "not proven: too few messages to tell whether it holds. Use longer runs or an easier goal";
     case End::nothing_left:
       return "the goal does not hold, and no setting is left to try";
     case End::no_time:
@@ -39,20 +38,20 @@ std::string answer_of(const SearchReport& report) {
   return "";
 }
 
-// What is left of a search for a border within a double is 0.
+// A rest of rounding is 0.
 std::string percent(double share) {
   return std::abs(share) < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share);
 }
 
-// "p99.9 < 1 ms: 3 of 24000 messages break it, [0.001, 0.06] %"; where the goal holds, by the one-sided limit
-// that its proof used: "…; proven: less than 0.09 %, and the goal permits 0.1 %".
+// "p99.9 < 1 ms: 3 of 24000 messages break it, 95 % confidence interval [0.001, 0.06] %"; where the goal
+// holds, with the one-sided limit of the proof: "…; proven: less than 0.09 % (goal: 0.1 %)".
 std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
   auto text = fmt::format("{}: {:.0f} of {:.0f} messages break it", limit.text, share.events, share.messages);
   if (proof == nullptr)
-    return text + fmt::format(", [{}, {}] %", percent(share.range.low), percent(share.range.high));
-  return text + fmt::format("; proven: less than {} %, {} {} %", percent(proof->below),
-                            limit.share > 0 ? "and the goal permits" : "where one burst in a run is",
-                            percent(proof->permitted));
+    return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
+                              percent(share.range.high));
+  return text + fmt::format("; proven: less than {} % ({}: {} %)", percent(proof->below),
+                            limit.share > 0 ? "goal" : "one burst per run", percent(proof->permitted));
 }
 
 // The last runs of the set that was found.
@@ -66,13 +65,13 @@ const Trial* last_of(const search::Outcome& outcome) {
 std::string contribution_text(const search::Problem& problem, const search::Contribution& one) {
   std::vector<std::string> parts;
   for (std::size_t limit = 0; limit < problem.goal.size() && limit < one.less.size(); ++limit)
-    parts.push_back(fmt::format("{}: [{}, {}] %", problem.goal[limit].text, percent(one.less[limit].low),
-                                percent(one.less[limit].high)));
-  return fmt::format("without it so many more messages break {}{}", fmt::join(parts, ", "),
+    parts.push_back(fmt::format("{} ([{}, {}] % of all)", problem.goal[limit].text,
+                                percent(one.less[limit].low), percent(one.less[limit].high)));
+  return fmt::format("without it, more messages break {}{}", fmt::join(parts, ", "),
                      one.is_needed ? "" : "; not proven to be needed");
 }
 
-// Settings that trials of this kind and end added or left out, but for those that the search kept after all.
+// Settings that trials of this purpose and decision added or removed, without those that the search kept.
 std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpose, Decision decision) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials) {
@@ -91,7 +90,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
   return all;
 }
 
-// Why settings could not be set here, each once.
+// Why settings were refused, each reason once.
 std::vector<std::string> refusals(const search::Outcome& outcome) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials)
@@ -108,7 +107,7 @@ std::string list(const char* title, const std::vector<std::string>& words) {
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty())
-    parts.emplace_back(fmt::format("In the scenario, in run {} (replace keys that it states already)",
+    parts.emplace_back(fmt::format("In run {} of the scenario (replace keys that it already has)",
                                    table::shortened(printable(kept.run), most_name)),
                        kept.scenario);
   for (const auto& unit : kept.units) {
@@ -133,11 +132,11 @@ const char* purpose_words(Purpose purpose) {
     case Purpose::measure:
       return "measured alone";
     case Purpose::add:
-      return "tried";
+      return "added";
     case Purpose::remove:
-      return "members left out";
+      return "removed";
     case Purpose::confirm:
-      return "measured afresh";
+      return "measured again";
   }
   return "";
 }
@@ -176,7 +175,7 @@ std::string picture_of(const SearchReport& report) {
   const auto height = top_px + row_px * static_cast<double>(trials.size()) + 24;
   const auto width = at.x_of(1, goal.size() - 1) + gap_px;
   std::string svg = fmt::format(
-      R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Shares of messages that break each limit, trial by trial">)",
+      R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Share of messages that break each limit, by trial">)",
       width, height, width);
   for (std::size_t column = 0; column < goal.size(); ++column) {
     svg += fmt::format(R"(<text x="{:.1f}" y="14" font-weight="bold" fill="currentColor">{}</text>)",
@@ -222,7 +221,7 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
-// Lines stay lines: `made` keeps one.
+// Applies `made` to each line.
 std::string by_line(const std::string& text, std::string (*made)(const std::string&)) {
   std::string lines;
   std::istringstream stream(text);
@@ -259,7 +258,7 @@ std::string text_of(const SearchReport& report) {
   for (const auto& one : outcome.contributions)
     text += fmt::format("  {}: {}\n    {}\n", one.member.key, one.member.value,
                         contribution_text(report.problem, one));
-  if (!outcome.remaining.empty()) text += "\nStill late because of:\n";
+  if (!outcome.remaining.empty()) text += "\nRemaining causes:\n";
   for (std::size_t i = 0; i < std::min(most_causes, outcome.remaining.size()); ++i)
     text += fmt::format("  {}\n", search::text_of(outcome.remaining[i]));
   text += list("No effect", not_kept(outcome, Purpose::add, Decision::no_effect));
@@ -334,12 +333,12 @@ std::string page_of(const SearchReport& report) {
   for (const auto& [title, words] : how_to_keep(report.kept))
     body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), by_line(words, escaped));
   body +=
-      "<h2>Trials</h2><p>Shares of messages that break each limit: blue what was tried, gray what it was "
-      "compared with; lines are 95 % intervals, dashes the limit.</p>";
+      "<h2>Trials</h2><p>Share of messages that break each limit. Blue: the settings of the trial. Gray: "
+      "what they were compared with. Lines: 95 % confidence intervals. Dashed: the limit.</p>";
   body += "<div class=\"wide\">" + picture_of(report) + "</div><div class=\"wide\">";
   body +=
-      "<table><tr><th></th><th>tried</th><th>how</th><th>compared with</th><th>because "
-      "of</th><th>runs</th><th>result</th></tr>";
+      "<table><tr><th></th><th>settings</th><th>step</th><th>compared "
+      "with</th><th>reason</th><th>runs</th><th>result</th></tr>";
   for (std::size_t i = 0; i < outcome.trials.size(); ++i) {
     const auto& trial = outcome.trials[i];
     body +=

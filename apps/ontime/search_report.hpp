@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ontime tune search` found: for a terminal, for programs, and as a page with a picture.
+// The result of `ontime tune search`: for a terminal, as JSON, and as a page with a picture.
 #pragma once
 
 #include <string>
@@ -16,8 +16,8 @@ struct SearchReport {
   const search::Problem& problem;
   const search::Outcome& outcome;
   const std::vector<search::Knobs::LeftOut>& left_out;
-  std::string stopped;    // why there was no more time, for people; "": there was
-  std::string simulated;  // by what the machines were; "": they were real
+  std::string stopped;    // why the search stopped early, for people; "": it did not
+  std::string simulated;  // simulator of the machines; "": real machines
   std::string scenario, results, page;
   search::Kept kept;
 };

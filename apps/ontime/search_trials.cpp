@@ -19,7 +19,7 @@ namespace {
 using campaign::Error;
 using namespace std::chrono_literals;
 
-// Kinds of notes: of each run that counts, and of the first what the search is of.
+// Kinds of notes: one for each run that counts; the others for the first run, with the search's subject.
 constexpr const char *run_note = "search", *goal_note = "search-goal", *about_note = "search-run",
                      *settings_note = "search-settings";
 constexpr int most_attempts = 3;
@@ -42,7 +42,7 @@ std::set<std::string> parts_of(const std::string& list) {
   return parts;
 }
 
-// Of two lists what the first alone has.
+// The entries that only the first list has.
 std::string without(const std::string& list, const std::string& other) {
   const auto mine = parts_of(list), theirs = parts_of(other);
   std::vector<std::string> only;
@@ -60,7 +60,7 @@ std::string machine_of(const record::Run& run) {
 }
 
 std::string name_of(const std::string& machine) {
-  return machine.empty() ? "a real one" : "simulated by " + machine;
+  return machine.empty() ? "a real machine" : "simulated by " + machine;
 }
 
 // Throws where the results are of another search.
@@ -79,10 +79,11 @@ void compare(const std::vector<record::Note>& notes, const record::Run& first, c
     refuse(results, fmt::format("holds a search on another machine: {}; this one is {}", name_of(theirs),
                                 name_of(subject.machine)));
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
-    refuse(results, fmt::format("holds a search of other settings: only there: {}; only here: {}",
-                                without(theirs, subject.settings), without(subject.settings, theirs)));
+    refuse(results,
+           fmt::format("holds a search of other settings. Only in the file: {}. Only in this search: {}",
+                       without(theirs, subject.settings), without(subject.settings, theirs)));
   if (first.asked.scenario != subject.scenario)
-    refuse(results, "holds a search of another scenario, or its file has changed since");
+    refuse(results, "holds a search of another scenario, or the scenario has changed");
 }
 
 std::vector<std::string> denied_settings(const record::Run& run) {
@@ -93,15 +94,14 @@ std::vector<std::string> denied_settings(const record::Run& run) {
   return all;
 }
 
-// What a run set stays so until it restores it, unless another process changes it.
+// A setting keeps the run's value until the run restores it, unless another process changes it.
 std::string changed_by_another(const record::Run& run) {
   for (const auto& [name, host] : run.outcome.hosts)
     for (const auto& change : host.kernel)
       if (!change.lasted())
         return fmt::format(
-            "another process changed {} ({}) on the {} from {} to {}: it stays so, and the search stops. "
-            "Stop "
-            "that process, and search again",
+            "another process changed {} ({}) on the {} from {} to {}. The search stops and leaves it "
+            "unchanged. Stop that process, then search again",
             change.setting, change.thing, name, change.after.dump(), change.now.dump());
   return "";
 }
@@ -144,11 +144,11 @@ void Trials::recall(const std::string& results) {
   for (auto& run : reader.runs()) {
     if (!is_of_a_search(run))
       refuse(results,
-             fmt::format("holds no search: run {} ({}) is of another command", run.number, run.asked.id));
+             fmt::format("holds no search: run {} ({}) is from another command", run.number, run.asked.id));
     const auto notes = reader.notes(run.number);
     all.insert(all.end(), notes.begin(), notes.end());
     const auto found = std::ranges::find_if(notes, [](const auto& note) { return note.kind == run_note; });
-    // It was cut off, or failed for a reason that passes.
+    // It was cut off, or its failure may pass.
     if (found == notes.end() || !run.outcome.has_ended()) continue;
     known_.push_back({found->text, std::move(run)});
   }
@@ -183,10 +183,9 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
   if (text != text_of(order) || run.asked.scenario != scenario.text)
-    throw Error(2,
-                fmt::format("--resume: run {} of the results is '{}', and this search comes to '{}' there: "
-                            "another version of ontime decides otherwise. Begin a new file of results",
-                            run.number, text, text_of(order)));
+    throw Error(2, fmt::format("--resume: run {} of the results is '{}', but this version of ontime expects "
+                               "'{}'. Use a new results file",
+                               run.number, text, text_of(order)));
   return run;
 }
 
@@ -198,7 +197,7 @@ std::optional<search::Answer> Trials::attempts(const search::Order& order,
     if (attempt > 1 && !wait_after(failure)) return stop("interrupted", 130);
     const auto time = std::chrono::duration_cast<Clock::duration>(campaign::time_of(scenario));
     if (Clock::now() + time > until_)
-      return stop(fmt::format("the time is over (--within): a run takes about {}", about(time)), 1);
+      return stop(fmt::format("no time left (--within): a run takes about {}", about(time)), 1);
     try {
       return measured(order, scenario);
     } catch (const Error& error) {
@@ -211,13 +210,13 @@ std::optional<search::Answer> Trials::attempts(const search::Order& order,
 
 // False: interrupted.
 bool Trials::wait_after(const std::string& failure) {
-  places_.terminal.note(fmt::format("{}; the run is made again in {} s", failure, pause.count()));
+  places_.terminal.note(fmt::format("{}; retry in {} s", failure, pause.count()));
   for (const auto end = Clock::now() + pause; Clock::now() < end && places_.interrupts == 0;)
     std::this_thread::sleep_for(100ms);
   return places_.interrupts == 0;
 }
 
-// Throws Error for what says nothing of the set.
+// Throws Error for failures that are not the set's.
 std::optional<search::Answer> Trials::measured(const search::Order& order,
                                                const campaign::Scenario& scenario) {
   auto& writer = places_.writer;

@@ -18,17 +18,17 @@
 
 namespace ontime::app {
 
-// What a search is of. Its results say it, and only the same search goes on with them.
+// The subject of a search. Its results store it, and only the same search can resume.
 struct Subject {
   std::string scenario;  // the text of its file
   std::string goal, run, settings;
-  std::string machine;  // by what the controller's is simulated; "": it is a real one
+  std::string machine;  // simulator of the controller's machine; "": a real machine
 };
-// The settings of the search that the results hold, as the subject has them; "": they hold none.
+// The subject's settings of the search in the results; "": they have none.
 std::string settings_of(const record::Reader&);
 // Whether such settings have that value among those to try.
 bool is_among(const std::string& settings, const search::Setting&);
-// By what its controller's machine is simulated; "": by nothing, or there is no run.
+// The simulator of its controller's machine; "": a real machine, or no run.
 std::string machine_of(const record::Reader&);
 
 class Trials {
@@ -46,13 +46,13 @@ class Trials {
   Trials(Subject, ScenarioWith, const std::vector<search::Part>& goal, const search::Bounds&,
          Clock::time_point until, Places);
 
-  // Runs in the results become answers again. Throws Error{2} where they are not of this search.
+  // Reads the runs in the results as answers. Throws Error{2} if they are of another search.
   void recall(const std::string& results);
-  // No run is made any more: the search stops after the recalled ones, for this reason.
+  // Stops the search after the recalled runs, for this reason.
   void end(const std::string& why, int code) { end_ = {why, code}; }
 
-  // Nothing: it stopped. A run that fails for a reason that is not its set is made again twice; then, or
-  // where no run was measured before, the search stops.
+  // Nothing: it stopped. A run whose failure is not its set's is retried twice; then, or if no run was
+  // measured before, the search stops.
   std::optional<search::Answer> measure(const search::Order&);
   const std::string& stopped() const { return stopped_; }  // why, for people; "": it did not
   int code() const { return code_; }                       // to exit with then

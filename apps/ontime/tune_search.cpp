@@ -38,7 +38,7 @@ constexpr double too_many_runs = 24;  // to prove that a goal holds
 
 struct Arguments {
   std::string scenario, goal, on = here, within = usual_time, results, keep_cpus_off, format = "table";
-  std::string send_to;  // of the search in the lab's machine: it measures, and shows nothing
+  std::string send_to;  // for the search in the lab's machine, which measures and prints nothing
   std::vector<std::string> never;
   Choice choice;
   LabFlags lab;
@@ -52,11 +52,9 @@ campaign::Scenario scenario_of(const Arguments& arguments, const std::string& fi
   selection.set = set;
   auto scenario = campaign::read_scenario(file, selection);
   if (scenario.runs.size() != 1 || scenario.hosts.components.size() != 1)
-    throw Error(
-        2,
-        fmt::format("tune search: {} has {} runs and {} components, and a search is of one run between two "
-                    "hosts: choose with --only and --transports, and state no lists",
-                    arguments.scenario, scenario.runs.size(), scenario.hosts.components.size()));
+    throw Error(2, fmt::format("tune search: {} has {} runs and {} components, but a search needs one run "
+                               "between two hosts. Choose with --only and --transports, and leave out lists",
+                               arguments.scenario, scenario.runs.size(), scenario.hosts.components.size()));
   scenario.repeat = 1;
   return scenario;
 }
@@ -71,20 +69,20 @@ void check_never(const std::string& name) {
                              spelling::suggestion(name, words), fmt::join(keys, ", ")));
 }
 
-// Where anything may be put: of these CPUs those that the user does not keep.
+// The CPUs that settings may use: without those of --keep-cpus-off.
 std::vector<int> cpus_of(const Arguments& arguments, std::vector<int> cpus) {
   if (arguments.keep_cpus_off.empty()) return cpus;
   const auto there = realtime::list_of(cpus);
   const auto off = realtime::cpus_of(arguments.keep_cpus_off);
   if (!off)
-    throw Error(2, fmt::format("--keep-cpus-off: '{}' is no list of CPUs such as 0 or 0-1,3; there are: {}",
+    throw Error(2, fmt::format("--keep-cpus-off: '{}' is not a CPU list, such as 0 or 0-1,3. CPUs here: {}",
                                arguments.keep_cpus_off, there));
   for (const int cpu : *off)
     if (std::erase(cpus, cpu) == 0)
-      throw Error(2, fmt::format("--keep-cpus-off: there is no CPU {} here; there are: {}", cpu, there));
+      throw Error(2, fmt::format("--keep-cpus-off: no CPU {} here. CPUs here: {}", cpu, there));
   if (cpus.empty())
     throw Error(
-        2, fmt::format("--keep-cpus-off: {} leaves no CPU; there are: {}", arguments.keep_cpus_off, there));
+        2, fmt::format("--keep-cpus-off: {} leaves no CPU. CPUs here: {}", arguments.keep_cpus_off, there));
   return cpus;
 }
 
@@ -99,7 +97,7 @@ search::Bounds bounds_of(const Arguments& arguments, const campaign::Scenario& s
   return bounds;
 }
 
-// What was asked for, checked. No machine was looked at.
+// The checked arguments. Reads no machine.
 struct Asked {
   std::vector<search::Part> goal;
   std::string file;
@@ -110,7 +108,7 @@ struct Asked {
   Seconds within;
 };
 
-// How long the search may take at least, by its first trial.
+// The least time of a search, from its first trial.
 struct Plan {
   Seconds of_run{0};
   double runs = 1;  // of the first trial: to prove that the goal holds, where it does
@@ -138,10 +136,10 @@ void check_time(const Arguments& arguments, Seconds within, const Plan& plan, Te
   if (within < plan.of_trial())
     terminal.note(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
   if (plan.runs > too_many_runs)
-    terminal.note(fmt::format("proof takes about {:.0f} runs: make them longer (--duration)", plan.runs));
+    terminal.note(fmt::format("a proof takes about {:.0f} runs: use longer runs (--duration)", plan.runs));
 }
 
-// What is said before the first trial: contradictions, and settings that cannot help.
+// Notes before the first trial: contradictions, and settings that are not tried.
 void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Terminal& terminal) {
   for (const auto& [key, notice] : scenario.notices) terminal.note(notice);
   for (const auto& text : search::contradictions(scenario.runs.front()))
@@ -170,7 +168,7 @@ Asked asked_of(const Arguments& arguments) {
   asked.goal = read_flag("--goal", [&] { return search::goal_of(arguments.goal); });
   const auto files = scenario_files({arguments.scenario});
   if (files.size() != 1)
-    throw Error(2, fmt::format("{} are {} scenarios: name one", arguments.scenario, files.size()));
+    throw Error(2, fmt::format("{} has {} scenarios: name one", arguments.scenario, files.size()));
   asked.file = files.front();
   asked.selection = arguments.choice.checked();
   asked.scenario = scenario_of(arguments, asked.file, asked.selection, {});
@@ -204,7 +202,7 @@ class Searched {
             places) {}
 
   void recall() { trials_.recall(asked_.results); }
-  // All runs that there are; why there are no more, and the exit code of that.
+  // Recalls all runs; the search then ends for this reason, with this exit code.
   void recall(const std::string& why, int code) {
     recall();
     trials_.end(why, code);
@@ -283,13 +281,13 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
   return searched.exit_code();
 }
 
-// As `search_here` made it in the lab's machine, out of the runs in the results. It knew what its machine can
-// have: they say it.
+// The search that `search_here` made in the lab's machine, from the runs in the results, which also store the
+// settings that its machine can have.
 Searched recalled(const Arguments& arguments, const Asked& asked, const Trials::Places& places) {
   const auto reader = places.writer.reader();
   auto bounds = asked.bounds;
   bounds.cannot = [recorded = settings_of(reader)](const search::Setting& one) {
-    return is_among(recorded, one) ? "" : "the lab's machine cannot have it";
+    return is_among(recorded, one) ? "" : "not possible in the lab's machine";
   };
   const auto machine = machine_of(reader);
   return {arguments, asked, search::knobs_of(asked.scenario.runs.front(), bounds),
@@ -314,13 +312,12 @@ std::vector<std::string> flags_of(const Arguments& arguments) {
   return words;
 }
 
-// Of a shell that a signal ended, 128 and the signal.
+// A shell that a signal ended exits with 128 plus the signal.
 int exit_code_of(const LabEnd& end) {
   return end.code == 0 || (end.code > 3 && end.code != 130) ? 3 : end.code;
 }
 
-// The whole search is made there, in one machine. Here it is made again out of the runs that arrived, which
-// leads to the same.
+// The lab's machine makes the whole search. Here the runs that arrived are replayed, with the same result.
 int search_in_lab(const Arguments& arguments, const Asked& asked, InLab& lab, Terminal& terminal,
                   campaign::Interrupts& interrupts) {
   record::Writer writer(asked.results);
@@ -343,9 +340,9 @@ int run(const Arguments& arguments) {
   if (!is_in_lab && arguments.on != here)
     throw Error(2, fmt::format("--on: '{}' is not one of {}, {}", arguments.on, here, in_lab));
   if (const auto flag = arguments.lab.first_given(); !is_in_lab && !flag.empty())
-    throw Error(2, fmt::format("{} is of the lab's machine: add --on lab, or leave it out", flag));
+    throw Error(2, fmt::format("{} applies to the lab's machine: add --on lab, or leave it out", flag));
   if (is_in_lab && !arguments.choice.selection.cable.empty())
-    throw Error(2, "--cable is of this machine: leave it out, for the lab's machine has one");
+    throw Error(2, "--cable does not apply to the lab's machine: leave it out");
   std::optional<InLab> lab;
   if (is_in_lab) {
     const auto machine = arguments.lab.machine();
@@ -379,13 +376,11 @@ int run(const Arguments& arguments) {
 void add_tune_search(Command& tune) {
   auto* command = tune.add_subcommand(
       "search", "Finds the smallest set of settings by which a scenario meets a goal, and proves it");
-  command->footer(
-      fmt::format("Each run sets what it tries, measures, and restores it. The settings found are not "
-                  "applied: the output "
-                  "says how to keep them.\nA search may set: {}.\nExit codes: 0 the goal holds · 1 it does "
-                  "not, or is not "
-                  "proven · 2 wrong usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
-                  fmt::join(search::knob_keys(), ", ")));
+  command->footer(fmt::format(
+      "Each run sets what it tries, measures, and restores it. The search keeps no settings: its output "
+      "shows how to keep them.\nA search may set: {}.\nExit codes: 0 the goal holds · 1 it does not, or is "
+      "not proven · 2 wrong usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
+      fmt::join(search::knob_keys(), ", ")));
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenario, "a scenario with one run between two hosts")
       ->required();
@@ -399,18 +394,19 @@ void add_tune_search(Command& tune) {
                    "keep threads of the kernel below this priority (default: the application's, or 80)")
       ->type_name("N")
       ->range(2, 99);
-  add_value(*command, "--keep-cpus-off", arguments->keep_cpus_off, "LIST", "put nothing on these CPUs");
+  add_value(*command, "--keep-cpus-off", arguments->keep_cpus_off, "LIST",
+            "move no threads or interrupts to these CPUs");
   add_value(*command, "--on", arguments->on, "here|lab",
             "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here");
   add_choice(*command, arguments->choice);
   add_cable(*command, arguments->choice);
   add_file(*command, "--results", arguments->results,
-           "results file: a new one, or with --resume the one to go on with (default: a new one here)");
-  command->add_flag("--resume", arguments->resume, "go on with the search that these results hold")
+           "results file; with --resume the one to continue (default: a new one here)");
+  command->add_flag("--resume", arguments->resume, "continue the search in the results file")
       ->needs("--results");
   add_format(*command, arguments->format);
   arguments->lab.add(*command, "With --on lab");
-  command->add_option("--send-to", arguments->send_to, "each run that counts; show nothing")->group("");
+  command->add_option("--send-to", arguments->send_to, "send each run that counts; print nothing")->group("");
   command->calls([arguments] { return run(*arguments); });
 }
 

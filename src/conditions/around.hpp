@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be asked of the machines around a round trip: load, traffic, faults, reserved CPUs, the wire.
-// Plain data.
+// Conditions around a round trip: load, traffic, link faults, reserved CPUs, the wire. Plain data.
 #pragma once
 
 #include <chrono>
@@ -39,7 +38,7 @@ struct Cut {
   std::chrono::milliseconds length;
 };
 
-// What is done to the frames that arrive at an end over its interface, and to those that leave it.
+// Faults and markings of the frames that an end receives and sends over its interface.
 struct Faults {
   double loss = 0;                      // share of the arriving frames
   double duplicates = 0;                // share of the leaving frames that are sent twice
@@ -54,7 +53,7 @@ struct Faults {
   // unchanged.
   std::optional<int> message_priority{}, traffic_priority{};
   std::optional<int> dscp{};  // of the messages' IP packets; nothing: unchanged
-  // What a host gives to all that it sends, whichever of its links it takes; and the rest.
+  // Markings, which a host applies to all links; and the rest, which applies to one link.
   Faults marks() const {
     Faults alone;
     alone.message_priority = message_priority, alone.traffic_priority = traffic_priority, alone.dscp = dscp;
@@ -90,7 +89,7 @@ struct Listening {
 struct Isolation {
   std::string cpus;         // reserved: "1", "2-3"; "": none
   bool interrupts = false;  // keep interrupts off them: settings::away_to(rest())
-  // Of all that runs beside, together.
+  // For load and traffic together.
   double load_quota = 0;  // time on CPUs in that time: 0.5 is half of one CPU; 0: no limit
   int load_weight = 0;    // 1 to 10000, where all others have 100; 0: as all others
   bool limits() const { return load_quota > 0 || load_weight > 0; }
@@ -98,7 +97,7 @@ struct Isolation {
   bool operator==(const Isolation&) const = default;
 };
 
-// What the way between two namespaces is, beside a pair of virtual interfaces.
+// Properties of the virtual cable between two namespaces.
 struct Wire {
   // The rate at which the frames of each end leave it, one after the other, 64 of them waiting at most; 0: at
   // once.
@@ -107,7 +106,7 @@ struct Wire {
   // class (PCP) in their tag; 0: none.
   int vlan = 0;
   bool any() const { return bits_per_s > 0 || vlan > 0; }
-  // As those of record's structs.
+  // For record's structs.
   static void fields(auto& of, auto&& field) {
     field("bits_per_s", of.bits_per_s);
     field("vlan", of.vlan);

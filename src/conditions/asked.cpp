@@ -15,7 +15,7 @@ auto& find(Any& hosts, const std::string& name) {
   if (name == "controller") return hosts.controller;
   const auto is_it = [&](const auto& component) { return component.name == name; };
   const auto found = std::find_if(hosts.components.begin(), hosts.components.end(), is_it);
-  if (found == hosts.components.end()) throw std::out_of_range("no host is called " + name);
+  if (found == hosts.components.end()) throw std::out_of_range("unknown host " + name);
   return found->host;
 }
 

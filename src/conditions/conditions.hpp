@@ -25,7 +25,7 @@ namespace ontime::conditions {
 
 // "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
 std::chrono::nanoseconds duration_of(const std::string& text);
-// The same, more than 0 and at most `most`.
+// A duration that is positive and at most `most`.
 constexpr std::chrono::hours longest_duration{1000};  // whose messages can be numbered at the least period
 std::chrono::nanoseconds positive_duration(const std::string& text,
                                            std::chrono::hours most = longest_duration);
@@ -41,7 +41,7 @@ double share_of(const std::string& text);
 // A whole number within these bounds. Throws std::invalid_argument, for people.
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
 
-// Why no run can be called that, for people; empty: it can.
+// Why a run cannot have this id, for people; empty: it can.
 std::string flaw_of_id(const std::string& id);
 
 // The settings of one process. Without them everything stays as it is born: SCHED_OTHER, pageable.
@@ -67,9 +67,9 @@ struct Run {
   std::string id;
   std::string title;
   std::string where;  // "FILE:LINE", of a scenario
-  // What tells it from others of the same id, beside transport and repetition: "payload 32 KiB".
+  // The varied keys and values, except transport and repetition: "payload 32 KiB".
   std::string variant;
-  // The same, key by key.
+  // `variant` as pairs of key and value.
   std::vector<std::pair<std::string, std::string>> varied;
   std::string adds_to;               // the id of the layer below, where the runs of a session are layers
   std::vector<std::string> require;  // what must hold at the end: gates, checked as such
@@ -83,7 +83,7 @@ struct Run {
   Task task;  // the client's; the server's follows from it
   Workers controller_load, component_load;
   Traffic traffic;
-  bool describes_neighbours = false;  // said more of them than how many
+  bool describes_neighbours = false;  // another key of theirs than `topics` is set
   bool explain = false;               // keep what the kernels did around late and lost messages
   Faults faults;                      // of either end
   std::optional<Cut> cut;             // for which `faults` has to provide
@@ -98,10 +98,10 @@ struct Run {
   std::vector<Run> own;  // the conditions of each component that has some of its own, each whole
   std::string beside;    // what varies only for other components, which are measured at the same time
 
-  // What was said, of which scenario::complete() makes what `task` holds.
-  std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0
+  // As stated; scenario::complete() fills `task` from these.
+  std::optional<int> domain;  // nothing: ROS_DOMAIN_ID, or 0
   std::string ros_namespace = "/", ping_topic = "ping", pong_topic = "pong";
-  bool realtime_refused = false;  // "realtime: off" was said: realtime.* settings then only describe
+  bool realtime_refused = false;  // "realtime: off" was stated: realtime.* settings have no effect
 };
 
 // A field of a run. Those with a path can be said in a scenario, those with `json` are in records and orders.
@@ -117,7 +117,7 @@ struct Field {
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
-  std::function<nlohmann::json(const Run&)> to_json{};           // null: it says nothing
+  std::function<nlohmann::json(const Run&)> to_json{};           // null: not written
   std::function<void(Run&, const nlohmann::json&)> from_json{};  // throws std::exception; never gets null
   std::vector<std::string> parts{};  // what it sets in a record, if it has no `json` of its own there
 };
@@ -128,13 +128,13 @@ const std::vector<Key>& keys();  // those that can be said
 // The name of a key in this version: "background.rate" for "neighbours.rate". Earlier names are still read.
 std::string current_key(const std::string& key);
 
-// The one form of a run, in orders and in records: docs/reference/json.md lists its names.
+// The JSON form of a run, in orders and in records: docs/reference/json.md lists its names.
 nlohmann::json to_json(const Run&);
-// The way back. What is not there stays as it is by default. Throws std::exception for what no run can have.
+// Reads that form. Missing fields keep their defaults. Throws std::exception for an invalid value.
 Run run_of(const nlohmann::json&);
-// Of a record of any program: what no run can have is left out as well.
+// Reads a record of any program: invalid values keep their defaults.
 Run run_of_record(const nlohmann::json&);
-// What a record has by the name of a field; null: nothing.
+// The record's value of the field of this name; null: it has none.
 const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
 
 // Where a record has what a scenario calls `key`, or what the record itself calls so.
@@ -167,8 +167,9 @@ struct Hosts {
     std::string name;
     Host host;
   };
-  std::vector<Component> components{{"component", {}}};  // that one, or those that were given names
-  const Host& at(const std::string& name) const;         // of the controller, or of a component
+  std::vector<Component> components{
+      {"component", {}}};                         // one without a name in the scenario, or the named ones
+  const Host& at(const std::string& name) const;  // of the controller, or of a component
   Host& at(const std::string& name);
   Wire wire;  // between two `namespaces`
   // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
@@ -178,8 +179,8 @@ const char* word_of(Hosts::Kind);  // alone: ""
 
 // The record's form of a run on these hosts.
 nlohmann::json asked(const Run&, const Hosts&);
-nlohmann::json asked(const Wire&);  // null: there is none
-// Whether its component is one that was given a name.
+nlohmann::json asked(const Wire&);  // null: no wire is stated
+// Whether the scenario names its component.
 bool is_named(const Run&);
 
 }  // namespace ontime::conditions

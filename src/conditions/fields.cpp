@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The list of all fields of a run, but for those of what is around it, and the form that the list gives a
-// run.
+// The list of all fields of a run, and its JSON form. The fields of load, link and kernel are in network.cpp.
 #include "conditions/fields.hpp"
 
 #include <algorithm>
@@ -18,14 +17,13 @@ using std::chrono::nanoseconds;
 using transport::Config;
 
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
-constexpr std::int64_t max_domain = 232;  // the last one whose ports exist
+constexpr std::int64_t max_domain = 232;  // the highest with valid ports
 
 nanoseconds period_of(Text text) {
   const auto period = positive_duration(text, 1h);
   if (period < 10us)
     throw std::invalid_argument(fmt::format(
-        "'{}' is too short: the least period is 10 us; for as fast as possible use schedule back-to-back",
-        text));
+        "'{}' is too short: at least 10 us. To send as fast as possible, use schedule back-to-back", text));
   return period;
 }
 
@@ -48,9 +46,10 @@ Codec<std::string> ros_name() {
   codec.values = "NAME";
   codec.of_text = [](Text text) {
     if (!is_ros_name(text))
-      throw std::invalid_argument(fmt::format(
-          "'{}' is no name of ROS 2: parts of letters, digits and _ that begin with no digit, with / between",
-          text));
+      throw std::invalid_argument(
+          fmt::format("'{}' is not a ROS 2 name, such as robot/ping: parts of letters, digits and _, not "
+                      "starting with a digit",
+                      text));
     return text;
   };
   return codec;
@@ -68,7 +67,7 @@ Codec<std::vector<std::string>> robot_topics() {
       const auto name = text.substr(first, end - first);
       if (!name.starts_with('/') || !is_ros_name(name))
         throw std::invalid_argument(
-            fmt::format("'{}' is no whole name of a topic: write them as /scan,/robot/cmd_vel", name));
+            fmt::format("'{}' is not an absolute topic name. Example: /scan,/robot/cmd_vel", name));
       names.push_back(name);
       begin = end + 1;
     }
@@ -80,7 +79,7 @@ Codec<std::vector<std::string>> robot_topics() {
 auto in_client(auto member) { return within(&Run::task, &Task::client, member); }
 auto in_config(auto member) { return within(&Run::task, &Task::config, member); }
 
-// Of what the record has in a way of its own.
+// A field that the record writes in its own way.
 Field written(Field field, std::function<json(const Run&)> to_json) {
   field.to_json = std::move(to_json);
   return field;
@@ -108,14 +107,14 @@ Fields fields_of_record() {
       })};
 }
 
-// Of what the run is.
+// Identity, baseline, search and transport of a run.
 Fields fields_of_run() {
   return {
       field({"title", "", "TEXT", "title of the run, for people"}, "title", text(), &Run::title),
       field({"baseline", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
             &Run::adds_to),
       field({"search", "", "KEY",
-             "key with a list of values, gentlest first; ontime finds the first value that misses"},
+             "key with a list of values, gentle to harsh; ontime finds the first with late or lost messages"},
             "search.key", text(), within(&Run::step, &Run::Step::key)),
       field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter: off",
              client, "count-instructions {}"},
@@ -126,20 +125,20 @@ Fields fields_of_run() {
            both, "explain {}"},
           "explain", or_null(on_or_off()), &Run::explain),
       field({"transport", "--transport", "NAME",
-             "what carries the messages: ethernet, xdp, udp, cyclonedds, fastdds, or another installed one",
+             "transport of the messages: ethernet, xdp, udp, cyclonedds, fastdds, or another installed one",
              both},
             "transport", text(), within(&Run::task, &Task::transport)),
-      written(field({"component.transport", "", "NAME",
-                     "transport of the answering end, if it is another one: the same"},
-                    "component_transport", text(), &Run::component_transport),
-              [](const Run& run) {
-                return run.component_transport.empty() ? run.task.transport : run.component_transport;
-              }),
-      field({"component.restart", "", "", "start the answering end again if it dies during the run: off"},
+      written(
+          field({"component.transport", "", "NAME", "transport of the server, if different: as transport"},
+                "component_transport", text(), &Run::component_transport),
+          [](const Run& run) {
+            return run.component_transport.empty() ? run.task.transport : run.component_transport;
+          }),
+      field({"component.restart", "", "", "restart the server if it dies during the run: off"},
             "component_restart", or_null(on_or_off()), &Run::component_restart)};
 }
 
-// Of how it sends.
+// Payload, schedule and time limits.
 Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
@@ -151,7 +150,8 @@ Fields fields_of_sending() {
              run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
            }),
       field({"schedule", "--schedule", "",
-             "when the next message is sent: next-free (closed loop); fixed is an open loop", client, "{}"},
+             "when to send the next message; fixed is open-loop, next-free closed-loop: next-free", client,
+             "{}"},
             "schedule",
             words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
             in_client(&ClientOptions::schedule)),
@@ -160,8 +160,8 @@ Fields fields_of_sending() {
       field(
           {"deadline", "--deadline", "", "a message that takes longer is late: 10 ms", client, "deadline {}"},
           "deadline_us", time(us, up_to_an_hour), in_client(&ClientOptions::deadline)),
-      field({"timeout", "--timeout", "", "a message without an answer for this time is lost: 500 ms", client,
-             "time-out {}"},
+      field({"timeout", "--timeout", "", "a message without an answer within this time is lost: 500 ms",
+             client, "timeout {}"},
             "timeout_us", time(us, up_to_an_hour), in_client(&ClientOptions::timeout)),
       field({"duration", "--duration", "", "how long to measure, without the warm-up: 10 s", client, "{}"},
             "duration_s", time(s, [](Text text) { return positive_duration(text); }),
@@ -170,14 +170,14 @@ Fields fields_of_sending() {
              "warm-up {}"},
             "warm_up", number<std::uint64_t>(1, 1'000'000), in_client(&ClientOptions::warm_up)),
       field({"receive", "--receive", "",
-             "receive on the middleware's thread (listener) or on an own waiting thread (waitset): listener",
+             "receive in the middleware's thread (listener) or in a thread that waits (waitset): listener",
              both, "{}"},
             "receive",
             words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
             in_config(&Config::receive))};
 }
 
-// Of the topics, and how they are served. The names that are said become whole ones at the end.
+// Topics and their QoS. scenario::complete() makes the names absolute.
 Fields fields_of_topics() {
   using transport::Durability, transport::History;
   auto name_space = ros_name();
@@ -221,20 +221,20 @@ Fields fields_of_topics() {
 
 Fields listening_fields() {
   const auto limit = optional(time(us, up_to_an_hour));
-  return {
-      field(
-          {"listen.topics", "", "", "the robot's own topics to listen to meanwhile, as /scan,/cmd_vel: none"},
-          "listen.topics", robot_topics(), within(&Run::listening, &Listening::topics)),
-      field({"listen.deadline", "", "",
-             "such a message is late that comes later than this after the one before: none"},
-            "listen.deadline_us", limit, within(&Run::listening, &Listening::deadline)),
-      field({"listen.period", "", "", "expected period of these topics; late after 1.5 times as long: none"},
-            "listen.period_us", limit, within(&Run::listening, &Listening::period)),
-      field({"listen.age", "", "", "such a message is late that is older than this when it is taken: none"},
-            "listen.age_us", limit, within(&Run::listening, &Listening::age))};
+  return {field({"listen.topics", "", "",
+                 "topics of the robot to listen to during the run, such as /scan,/cmd_vel: none"},
+                "listen.topics", robot_topics(), within(&Run::listening, &Listening::topics)),
+          field({"listen.deadline", "", "",
+                 "a message is late if it comes later than this after the one before: none"},
+                "listen.deadline_us", limit, within(&Run::listening, &Listening::deadline)),
+          field({"listen.period", "", "",
+                 "expected period of these topics; a message is late after 1.5 periods: none"},
+                "listen.period_us", limit, within(&Run::listening, &Listening::period)),
+          field({"listen.age", "", "", "a message is late if it is older than this when taken: none"},
+                "listen.age_us", limit, within(&Run::listening, &Listening::age))};
 }
 
-// What says nothing as long as it is not asked for, whatever its parts are.
+// Groups that are null in JSON as long as they are not requested.
 constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
     {"search", [](const Run& run) { return run.step.of > 0; }},
     {"traffic", [](const Run& run) { return run.traffic.any(); }},
@@ -288,7 +288,8 @@ bool yes_or_no(Text text) {
 
 double finite(Json from) {
   const auto value = from.get<double>();
-  if (!from.is_number() || !std::isfinite(value)) throw std::invalid_argument(from.dump() + " is no number");
+  if (!from.is_number() || !std::isfinite(value))
+    throw std::invalid_argument(from.dump() + " is not a number");
   return value;
 }
 
@@ -387,8 +388,8 @@ const char* word_of(Security level) {
 }
 
 std::string flaw_of_id(const std::string& id) {
-  if (id.find(',') != id.npos) return "an id has no comma, because --only divides ids by it";
-  if (id.starts_with('-')) return "an id does not begin with '-', because a flag does";
+  if (id.find(',') != id.npos) return "an id cannot contain a comma, which separates ids in --only";
+  if (id.starts_with('-')) return "an id cannot start with '-', as flags do";
   return "";
 }
 

@@ -32,7 +32,7 @@ struct Codec {
 template <typename Value>
 using Place = std::function<std::type_identity_t<Value>&(Run&)>;
 
-// Of what lies deeper in it: within(&Run::faults, &Faults::loss).
+// A nested member: within(&Run::faults, &Faults::loss).
 template <typename... Members>
 auto within(Members... path) {
   return [=](Run & run) -> auto& { return (run.*....*path); };
@@ -40,7 +40,7 @@ auto within(Members... path) {
 
 inline constexpr auto client = Field::For::client, both = Field::For::both;
 
-// `made`: how it is said.
+// `made`: its key, flag and help.
 template <typename Value>
 Field field(Field made, std::string json, Codec<Value> codec, Place<Value> place) {
   if (made.values.empty()) made.values = codec.values;
@@ -54,18 +54,18 @@ Field field(Field made, std::string json, Codec<Value> codec, Place<Value> place
   made.from_json = [place, of_json = codec.of_json](Run& run, Json from) { place(run) = of_json(from); };
   return made;
 }
-// The same, of what is in JSON alone.
+// A field that only JSON has.
 template <typename Value>
 Field recorded(std::string json, Codec<Value> codec, Place<Value> place) {
   return field<Value>({}, std::move(json), std::move(codec), std::move(place));
 }
-// The same, of what is said in a way of its own.
+// A field whose text `set` parses in its own way.
 inline Field said(Field field, std::function<void(Run&, Text)> set) {
   field.set = std::move(set);
   return field;
 }
 
-// The same, of what a record has only as these parts.
+// A field that a record stores only as these parts.
 inline Field made_of(std::vector<std::string> parts, Field field) {
   field.parts = std::move(parts);
   return field;
@@ -74,7 +74,7 @@ inline Field made_of(std::vector<std::string> parts, Field field) {
 // ── Codecs ──
 
 bool yes_or_no(Text);
-double finite(Json);  // throws for what is no number
+double finite(Json);  // throws if it is not a finite number
 
 // In JSON as it is.
 template <typename Value>
@@ -108,14 +108,14 @@ Number whole(Json from) {
   const auto value = finite(from);
   if (value != std::floor(value) || value < static_cast<double>(std::numeric_limits<Number>::min()) ||
       value >= std::ldexp(1.0, std::numeric_limits<Number>::digits))
-    throw std::invalid_argument(from.dump() + " is not such a number");
+    throw std::invalid_argument(from.dump() + " is not a whole number in range");
   return from.is_number_float() ? static_cast<Number>(value) : from.get<Number>();
 }
 template <typename Number>
 nlohmann::json as_is(const Number& value) {
   return value;
 }
-// With another way from words than a plain number.
+// A number that `of_text` reads.
 template <typename Number>
 Codec<Number> number(std::type_identity_t<std::function<Number(Text)>> of_text) {
   return {std::move(of_text), as_is<Number>, whole<Number>};
@@ -169,7 +169,7 @@ Codec<Value> words(std::initializer_list<Value> all, const char* (*word_of)(Valu
           fmt::format("{}", fmt::join(names, "|"))};
 }
 
-// What the files of the list add to it.
+// The fields that each file adds to the list.
 using Fields = std::vector<Field>;
 void add(Fields& all, Fields more);
 Fields realtime_fields();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is beside the messages: load, traffic, the link's faults, ordinary topics, reserved CPUs, kernel
-// settings.
+// Fields of the conditions around the messages: load, traffic, link faults, background topics, reserved CPUs,
+// kernel settings.
 #include <string_view>
 
 #include "conditions/fields.hpp"
@@ -13,10 +13,10 @@ using nlohmann::json;
 using std::chrono::microseconds;
 using std::chrono::nanoseconds;
 
-// Of a stress-ng worker, for which 0 would mean stress-ng's own choice.
+// For a stress-ng worker 0 would mean stress-ng's default.
 std::uint64_t size_of(Text text) {
   const auto bytes = bytes_of(text);
-  if (bytes == 0) throw std::invalid_argument(fmt::format("'{}' is no size", text));
+  if (bytes == 0) throw std::invalid_argument(fmt::format("'{}' must be positive", text));
   return bytes;
 }
 
@@ -43,8 +43,7 @@ std::uint64_t datagram_of(Text text) {
   const auto bytes = bytes_of(text);
   if (bytes < least || bytes > most)
     throw std::invalid_argument(fmt::format(
-        "'{}' is no size of a datagram: {} B to {} B are (from 1473 B on, of an Ethernet as usual, "
-        "it goes in several frames)",
+        "'{}' is not a datagram size from {} B to {} B. Above 1472 B, standard Ethernet needs several frames",
         text, least, most));
   return bytes;
 }
@@ -66,7 +65,7 @@ Fields traffic_fields() {
             number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
 }
 
-// Of netem, which takes whole microseconds.
+// netem takes whole microseconds.
 Codec<microseconds> delay() {
   const auto of_text = [](Text text) {
     const auto delay = positive_duration(text, 1h);
@@ -84,9 +83,9 @@ Codec<std::string> qdisc() {
   codec.of_text = [](Text text) {
     if (!is_qdisc(text))
       throw std::invalid_argument(
-          fmt::format("'{}' is not a queueing discipline in tc's words: one of {}, with its options "
-                      "(tc-prio(8), tc-taprio(8) …) and no path; another one below its class 1: 'below 1 etf "
-                      "clockid CLOCK_TAI delta 300000'",
+          fmt::format("'{}' is not a queueing discipline in tc's syntax: one of {}, with its options and no "
+                      "path. For one below class 1, append 'below 1 etf clockid CLOCK_TAI delta 300000'. See "
+                      "tc-prio(8), tc-taprio(8)",
                       text, fmt::join(known_disciplines(), ", ")));
     return text;
   };
@@ -99,17 +98,17 @@ Cut cut_of(Text text) {
   const auto found = text.find(between);
   if (found == text.npos)
     throw std::invalid_argument(
-        fmt::format("'{}' does not say when and for how long; write it as '10 s for 500 ms'", text));
+        fmt::format("'{}' is not a start and a duration, such as '10 s for 500 ms'", text));
   const auto at = duration_of(text.substr(0, found));
   const auto length = positive_duration(text.substr(found + between.size()), 1h);
   const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
-  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the start", text));
+  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' starts before the run", text));
   if (whole != length)
-    throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
+    throw std::invalid_argument(fmt::format("'{}' does not last a whole number of milliseconds", text));
   return {at, whole};
 }
 
-// An order about the link says by a bare `true` that it has to provide for a cut.
+// In an order, a bare `true` requests a link that can be cut.
 Field cut() {
   return {.path = "link.cut",
           .flag = "",
@@ -136,31 +135,30 @@ Field cut() {
 }
 
 Fields link_fields() {
-  // How long after it was due a message leaves, in ns: the port's word for it.
+  // The launch time after the due time; in ns, as the transport takes it.
   const auto launch = time(us, up_to_an_hour);
   const Codec<std::int64_t> launch_ns{
       [=](Text text) { return launch.of_text(text).count(); },
       [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
       [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
   return {
-      field({"link.loss", "", "", "share of arriving frames that each end loses, such as '1 %': none", client,
-             "loses {}"},
+      field({"link.loss", "", "", "share of arriving frames that each end drops, such as '1 %': none", client,
+             "drops {}"},
             "link.loss", share(), within(&Run::faults, &Faults::loss)),
-      field(
-          {"link.duplicate", "", "", "share of frames that each end sends twice: none", client, "doubles {}"},
-          "link.duplicates", share(), within(&Run::faults, &Faults::duplicates)),
-      field({"link.delay", "", "", "delay of everything that each end sends: none", client, "delays {}"},
+      field({"link.duplicate", "", "", "share of frames that each end sends twice: none", client,
+             "duplicates {}"},
+            "link.duplicates", share(), within(&Run::faults, &Faults::duplicates)),
+      field({"link.delay", "", "", "delay of all frames that each end sends: none", client, "delays {}"},
             "link.delay_us", delay(), within(&Run::faults, &Faults::delay)),
-      field({"link.jitter", "", "", "variation of that delay, either way: none", client,
+      field({"link.jitter", "", "", "variation of link.delay, up or down: none", client,
              "varies the delay by {}"},
             "link.jitter_us", delay(), within(&Run::faults, &Faults::jitter)),
-      field({"link.reorder", "", "",
-             "share of frames that leave without that delay, and so before others: none", client,
+      field({"link.reorder", "", "", "share of frames that skip link.delay and overtake others: none", client,
              "reorders {}"},
             "link.reordered", share(), within(&Run::faults, &Faults::reordered)),
       field({"link.qdisc", "", "TEXT",
-             "queueing discipline of both ends, in tc's words, such as 'prio bands 3': the kernel's choice",
-             client, "queues by {}"},
+             "queueing discipline of both ends, in tc's syntax, such as 'prio bands 3': kernel default",
+             client, "qdisc {}"},
             "link.qdisc", qdisc(), within(&Run::faults, &Faults::qdisc)),
       field({"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY): unchanged",
              client, "sends messages with priority {}"},
@@ -173,19 +171,20 @@ Fields link_fields() {
       field({"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
              "marks messages with DSCP {}"},
             "link.dscp", optional(number<int>(0, 63)), within(&Run::faults, &Faults::dscp)),
-      field({"launch-time", "", "", "time after due at which the etf of link.qdisc releases a message: none",
-             client, "launched {} after it was due"},
+      field({"launch-time", "", "",
+             "launch time of each message, after its due time; needs an etf in link.qdisc: none", client,
+             "launched {} after it was due"},
             "launch_us", launch_ns, within(&Run::task, &Task::config, &transport::Config::launch_ns)),
       cut()};
 }
 
-// The record has a rate, and both directions for themselves.
+// The record stores a rate in Hz instead of a period.
 Codec<nanoseconds> rate() {
   return {period_of_rate,
           [](const nanoseconds& period) { return json(1e9 / static_cast<double>(period.count())); },
           [](Json from) {
             const auto ns = 1e9 / finite(from);
-            if (!(ns >= 1) || ns > 9e18) throw std::invalid_argument(from.dump() + " is no rate");
+            if (!(ns >= 1) || ns > 9e18) throw std::invalid_argument(from.dump() + " is not a rate");
             return nanoseconds(std::llround(ns));
           },
           "RATE"};
@@ -206,18 +205,17 @@ std::string cpus_of(Text text) {
   if (text == "none") return "";
   const auto cpus = realtime::cpus_of(text);
   if (!cpus || cpus->empty())
-    throw std::invalid_argument(
-        fmt::format("'{}' is not one of none, lists of CPUs such as 1 or 0-1,3", text));
+    throw std::invalid_argument(fmt::format("'{}' is not none or a CPU list, such as 1 or 0-1,3", text));
   return realtime::list_of(*cpus);
 }
 
-// As systemd's CPUQuota: of one CPU, and so more than 100 % where there are several.
+// As systemd's CPUQuota: 100 % is one CPU, so several CPUs permit more.
 double quota_of(Text text) {
   constexpr std::int64_t most = 102'400;  // of 1024 CPUs
   if (text == "none") return 0;
   constexpr std::string_view unit = " %";
   if (!text.ends_with(unit))
-    throw std::invalid_argument(fmt::format("'{}' is no share of a CPU's time; write it as '50 %'", text));
+    throw std::invalid_argument(fmt::format("'{}' is not a share of a CPU's time, such as '50 %'", text));
   return static_cast<double>(number_of(text.substr(0, text.size() - unit.size()), 1, most)) / 100;
 }
 
@@ -303,14 +301,14 @@ Fields isolation_fields() {
                 "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
           field({"isolation.interrupts", "", "",
                  "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
-                 "interrupts elsewhere"},
+                 "interrupts on other CPUs"},
                 "isolation.interrupts", on_or_off(), within(&Run::isolation, &Isolation::interrupts)),
           field({"isolation.load-quota", "", "PERCENT|none",
                  "CPU time for load and traffic together; 100 % is one CPU: no limit", client,
                  "load and traffic with {} of a CPU"},
                 "isolation.load_quota", share(quota_of), within(&Run::isolation, &Isolation::load_quota)),
           field({"isolation.load-weight", "", "1-10000|none",
-                 "weight of load and traffic together; all others have 100: none", client,
+                 "weight of load and traffic together; other processes have 100: none", client,
                  "load and traffic of weight {}"},
                 "isolation.load_weight", number<int>([](Text text) {
                   return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));

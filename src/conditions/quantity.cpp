@@ -21,10 +21,10 @@ const Units& times() {
   return units;
 }
 
-// "'5 s' or '5 ms'": of a time both are usual; of all else the example's unit.
-std::string with_units(const std::string& number, const Units& units, const std::string& example) {
-  if (&units == &times()) return fmt::format("'{0} s' or '{0} ms'", number);
-  return fmt::format("'{} {}'", number, example.substr(example.find(' ') + 1));
+// " (did you mean '5 s' or '5 ms'?)": both are usual for a time; for other quantities the example's unit.
+std::string suggestion_of(const std::string& number, const Units& units, const std::string& example) {
+  if (&units == &times()) return fmt::format(" (did you mean '{0} s' or '{0} ms'?)", number);
+  return fmt::format(" (did you mean '{} {}'?)", number, example.substr(example.find(' ') + 1));
 }
 
 long double quantity(const std::string& text, const Units& units, const std::string& example) {
@@ -33,12 +33,12 @@ long double quantity(const std::string& text, const Units& units, const std::str
   long double number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc{})
-    throw std::invalid_argument(fmt::format("'{}' is not a quantity; write it as '{}'", text, example));
+    throw std::invalid_argument(fmt::format("'{}' is not a number with a unit, such as '{}'", text, example));
   std::string unit(static_cast<const char*>(end), text.data() + text.size());
   unit.erase(0, std::min(unit.find_first_not_of(' '), unit.size()));
   if (unit.empty())
-    throw std::invalid_argument(fmt::format("'{}' has no unit; did you mean {}? Units: {}", text,
-                                            with_units(text, units, example), names));
+    throw std::invalid_argument(fmt::format("'{}' has no unit{}. Units: {}", text,
+                                            number > 0 ? suggestion_of(text, units, example) : "", names));
   for (const auto& [name, factor] : units) {
     if (unit != name) continue;
     const auto value = number * factor;
@@ -46,7 +46,7 @@ long double quantity(const std::string& text, const Units& units, const std::str
       throw std::invalid_argument(fmt::format("'{}' is out of range", text));
     return value;
   }
-  throw std::invalid_argument(fmt::format("'{}' has no unit known here; units: {}", text, names));
+  throw std::invalid_argument(fmt::format("'{}' has an unknown unit. Units: {}", text, names));
 }
 
 }  // namespace
@@ -85,7 +85,7 @@ std::uint64_t bytes_of(const std::string& text) {
 std::uint64_t bit_rate_of(const std::string& text) {
   static const Units units{{"bit/s", 1}, {"kbit/s", 1e3}, {"Mbit/s", 1e6}, {"Gbit/s", 1e9}};
   const auto rate = quantity(text, units, "80 Mbit/s");
-  if (rate < 1) throw std::invalid_argument(fmt::format("'{}' is less than one bit a second", text));
+  if (rate < 1) throw std::invalid_argument(fmt::format("'{}' is less than 1 bit/s", text));
   return static_cast<std::uint64_t>(std::llround(rate));
 }
 
@@ -93,7 +93,7 @@ std::chrono::nanoseconds period_of_rate(const std::string& text) {
   static const Units units{{"Hz", 1}, {"kHz", 1e3}};
   const auto rate = quantity(text, units, "100 Hz");
   if (!(rate >= 0.1L) || rate > 1e5L)
-    throw std::invalid_argument(fmt::format("'{}' is no rate of messages: 0.1 Hz to 100 kHz are", text));
+    throw std::invalid_argument(fmt::format("'{}' is not a message rate from 0.1 Hz to 100 kHz", text));
   return std::chrono::nanoseconds(std::llround(1e9L / rate));
 }
 
@@ -102,10 +102,10 @@ double share_of(const std::string& text) {
   const auto share = quantity(text, units, "1 %");
   const auto millionths = share * 1e6L;  // as the kernel divides
   if (!(share >= 1e-6L) || share > 1)
-    throw std::invalid_argument(fmt::format("'{}' is no share: 0.0001 % to 100 % are", text));
+    throw std::invalid_argument(fmt::format("'{}' is not a share from 0.0001 % to 100 %", text));
   if (std::abs(millionths - std::round(millionths)) > 1e-6L)  // that much is the binary numbers' own
     throw std::invalid_argument(
-        fmt::format("'{}' is finer than the kernel divides: steps of 0.0001 % are possible", text));
+        fmt::format("'{}' is not a multiple of 0.0001 %, the kernel's smallest step", text));
   return static_cast<double>(share);
 }
 

@@ -41,7 +41,7 @@ Field setting(Field how, const std::vector<std::string>& parts, SetSettings set)
   how.end = both;
   for (const auto& part : parts) how.parts.push_back("realtime_settings." + part);
   return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
-    auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
+    auto checked = run.task.realtime;  // an invalid value is refused even where it has no effect
     set(checked, text);
     if (run.realtime_refused) return;
     set_realtime_on(run);
@@ -49,7 +49,7 @@ Field setting(Field how, const std::vector<std::string>& parts, SetSettings set)
   });
 }
 
-// What idle states are limited by: a whole number of microseconds, as the kernel takes it.
+// The limit of idle states' exit latency: the kernel takes whole microseconds.
 std::optional<std::chrono::microseconds> cpu_latency_of(Text text) {
   if (text == "any") return {};
   const auto latency = duration_of(text);
@@ -74,8 +74,7 @@ void set_priority(ThreadSettings& thread, Text text) {
 }
 void set_cpus(ThreadSettings& thread, Text text) {
   const auto cpus = realtime::cpus_of(text);
-  if (!cpus)
-    throw std::invalid_argument(fmt::format("'{}' is not one of lists of CPUs such as 1 or 0-1,3", text));
+  if (!cpus) throw std::invalid_argument(fmt::format("'{}' is not a CPU list, such as 1 or 0-1,3", text));
   thread.cpus = *cpus;
 }
 
@@ -142,8 +141,8 @@ RealtimeSettings settings_of(Json from) {
 Fields realtime_fields() {
   Fields all{
       said(field({"realtime", "--realtime", "",
-                  "lock memory, avoid deep idle states, SCHED_FIFO 80 for threads on the message's way, "
-                  "70 for the middleware's others: off",
+                  "lock memory; avoid deep idle states; SCHED_FIFO 80 for threads that a message passes "
+                  "through, 70 for the middleware's others: off",
                   both},
                  "realtime", on_or_off(), within(&Run::task, &Task::realtime, &RealtimeSettings::on)),
            set_realtime),
@@ -154,7 +153,7 @@ Fields realtime_fields() {
           {"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of a CPU idle state"},
           {"cpu_latency_us"},
           [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
-  add_threads(all, "realtime", "--", message_roles, "the threads a message passes through");
+  add_threads(all, "realtime", "--", message_roles, "the threads that a message passes through");
   for (const auto& roles : {message_roles, background_roles})
     for (const auto& role : roles)
       add_threads(all, "realtime." + role, "--" + role + "-", {role}, "threads of role " + role);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gates: a limit on a metric, and whether a run keeps to it. Ordinary thread.
+// Gates: a limit on a metric, and whether a run meets it. Ordinary thread.
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
 //   figure     = a name in statistics::metrics: "mean", "p99.9", "max", "late" …
@@ -21,7 +21,7 @@
 
 namespace ontime::gate {
 
-// What is wrong with an expression and in which of its columns, for people.
+// An error in an expression, with its column, for people.
 struct Error : std::invalid_argument {
   using std::invalid_argument::invalid_argument;
 };
@@ -29,7 +29,7 @@ struct Error : std::invalid_argument {
 enum class Use {
   fail_if,           // of a run by itself
   fail_if_compared,  // of a run, or against another
-  require,           // what must be so
+  require,           // a limit that must be met
 };
 
 struct Gate {
@@ -39,22 +39,22 @@ struct Gate {
   enum class Limit { count, absolute, ratio, difference } kind = Limit::absolute;
   double limit = 0;  // messages; ns or a share; 1.1 for +10%; ns or a share
   bool is_relative() const { return kind == Limit::ratio || kind == Limit::difference; }
-  std::string requirement() const;  // what must be so: "p99 <= 2 ms", also of "p99 > 2 ms"
+  std::string requirement() const;  // the limit to meet: "p99 <= 2 ms", also for "p99 > 2 ms"
 };
 Gate parse(const std::string& text, Use);
 
-// Of messages that are late or lost, as the gate asks, or slower than its limit.
+// Probability of a late or lost message, as the gate requests, or of one slower than its limit.
 statistics::Between probability_beyond(const Gate&, const statistics::Summary&);
 
-// What of the conditions that were asked for was not there, for people: load, settings, reserved CPUs, the
-// link's faults, traffic, neighbours. Empty: nothing speaks against it.
+// The first requested condition that was not met, for people: load, settings, reserved CPUs, link faults,
+// traffic, background topics. Empty: none is known.
 std::string absent(const record::Asked&, const record::Outcome&);
 
 // Load that was there, but smaller than requested.
 struct SmallerLoad {
   const char *host, *kind;  // "controller", "hdd"
   std::uint64_t requested_bytes, had_bytes;
-  int divided_among;  // so many workers; 0: each had so little
+  int divided_among;  // number of workers that shared it; 0: each had so little
 };
 std::vector<SmallerLoad> smaller_loads(const record::Asked&, const record::Outcome&);
 
@@ -67,15 +67,14 @@ std::vector<std::string> denied(const record::Outcome&);
 // Of one that failed in another way, or was interrupted, nothing is known.
 bool ends_search(const record::Asked&, const record::Outcome&);
 
-// What keeps a run from being judged, the gravest first. All that show, compare or judge runs go by this
-// list.
+// What keeps a run from being judged, the most serious first. Reports, comparisons and gates use this list.
 enum class Flaw : std::uint8_t {
   imported,  // from another tool: it has no messages
   failed,
   cut_off,     // not measured to its end
   worst_only,  // its counts are of all messages, its samples of the worst
   unrecorded,  // samples are missing
-  misfit,      // a value of its record is not as ontime writes it
+  misfit,      // its record has an invalid value
   nothing_sent,
   absent,  // load, traffic or the like that was requested, or a part of it
   denied,  // a setting that was requested
@@ -86,8 +85,8 @@ std::string unfit(const statistics::Summary&);  // its flaw, for people; empty f
 // Its messages were measured here, and its samples are not those of all of them.
 inline bool lacks_samples(Flaw flaw) { return flaw > Flaw::imported && flaw <= Flaw::unrecorded; }
 
-// Whether it was not measured to its end, and one of these is of the same repetition under the same
-// conditions, and later: a suite that `--resume` continues is judged by the later one.
+// Whether the run did not finish and a later one has the same repetition and conditions: `--resume` replaces
+// it.
 bool is_superseded(const statistics::Summary&, std::span<const statistics::Summary> all);
 
 struct Judgement {
@@ -96,7 +95,7 @@ struct Judgement {
   enum class Result { held, missed, cannot_judge } result = Result::held;
   std::string run, gate;  // gate: the requirement
   std::string says;       // the metric, its interval, and what follows, for people
-  bool is_sure = true;    // else it held because chance may explain what was measured
+  bool is_sure = true;    // false: it held, but only because chance may explain what was measured
 };
 
 // A number of messages and a maximum are what they are. All other metrics pass a limit only if chance does
@@ -116,7 +115,7 @@ std::string text_of(const Judgement&);
 // All gates of one run that are not relative, and what its scenario required (from its record). Of a run that
 // cannot be judged a single judgement, as_asked, says why.
 std::vector<Judgement> judge_all(std::span<const Gate>, const statistics::Summary&);
-// Whether it was measured to its end and as asked, which is a gate of this name.
+// A gate of this name: the run finished with all requested conditions.
 inline constexpr const char* as_asked = "measured as asked";
 Judgement judge_as_asked(const statistics::Summary&);
 

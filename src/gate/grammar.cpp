@@ -29,13 +29,13 @@ class Parser {
     read_comparison();
     read_limit();
     skip_blanks();
-    if (at_ < text_.size()) fail(at_, fmt::format("'{}' is too much", text_.substr(at_)));
+    if (at_ < text_.size()) fail(at_, fmt::format("unexpected '{}'", text_.substr(at_)));
     return std::move(gate_);
   }
 
  private:
   [[noreturn]] void fail(std::size_t at, const std::string& what) const {
-    throw Error(fmt::format("column {}: {}; a gate is such as '{}'", column(at), what,
+    throw Error(fmt::format("column {}: {}. Example: {}", column(at), what,
                             use_ == Use::require            ? "p99.9 <= 2 ms"
                             : use_ == Use::fail_if_compared ? "p99.9 > +10%"
                                                             : "late > 0"));
@@ -69,12 +69,11 @@ class Parser {
       if (name != row.name) continue;
       gate_.figure = row.figure;
       if (row.figure == Figure::lost && gate_.times == statistics::Times::response)
-        fail(begin, "a lost message has no response: say 'lost' alone");
+        fail(begin, "a lost message has no response time: write 'lost' without 'response'");
       return;
     }
-    fail(begin,
-         fmt::format("{} is not a metric; take one of {}, with 'response' before it for response times",
-                     name.empty() ? "nothing" : "'" + name + "'", known));
+    fail(begin, fmt::format("{}; metrics: {}, with 'response' before one for response times",
+                            name.empty() ? "a metric is missing" : "'" + name + "' is not a metric", known));
   }
 
   void read_comparison() {
@@ -83,10 +82,7 @@ class Parser {
     const auto found = text_.substr(begin, at_ - begin);
     const auto* const wanted = use_ == Use::require ? "<=" : ">";
     if (found != wanted)
-      fail(begin,
-           fmt::format("here stands {}, and {} '{}'", found.empty() ? "no comparison" : "'" + found + "'",
-                       use_ == Use::require ? "what must be so is said with" : "what is to fail is said with",
-                       wanted));
+      fail(begin, fmt::format("expected '{}'{}", wanted, found.empty() ? " here" : ", not '" + found + "'"));
   }
 
   bool is_share() const { return statistics::metric_of(gate_.figure).is_share; }
@@ -103,25 +99,25 @@ class Parser {
     const auto unit = word(" \t");
     if (relative) {
       if (use_ != Use::fail_if_compared)
-        fail(begin, "a limit with + or - is against another run, which `ontime compare` has");
+        fail(begin, "a limit with + or - compares two runs, as `ontime compare` does");
       if (gate_.figure == Figure::max)
         fail(begin,
-             "a maximum is one message's, and no difference of two is ever sure: compare p99.99, or state a "
-             "limit");
+             "each max is a single message, so a change proves nothing: compare p99.99, or use a limit "
+             "without + or -");
     }
     if (unit.empty()) return set_count(number, relative, begin, unit_at);
     if (unit == "%") return set_percent(number, sign, relative, begin);
     if (unit == "points" && relative && is_share()) return set(Gate::Limit::difference, sign * number / 100);
     for (const auto& [name, ns] : times_ns)
       if (unit == name) {
-        if (is_share()) fail(unit_at, "late and lost are counted in messages, or in % of them");
+        if (is_share()) fail(unit_at, "late and lost take a number of messages or a %, not a time");
         return set(relative ? Gate::Limit::difference : Gate::Limit::absolute, sign * number * ns);
       }
-    fail(unit_at,
-         fmt::format("'{}' is no unit here; there are {}", unit,
-                     is_share() ? relative ? "% (of what it was) and points (of all messages)" : "% or none"
-                     : relative ? "%, ns, us, ms, s"
-                                : "ns, us, ms, s"));
+    fail(unit_at, fmt::format("'{}' is not a unit here. Units: {}", unit,
+                              is_share() ? relative ? "% (of the earlier value), points (% of all messages)"
+                                                    : "% or none"
+                              : relative ? "%, ns, us, ms, s"
+                                         : "ns, us, ms, s"));
   }
 
   double read_number() {
@@ -130,29 +126,31 @@ class Parser {
     const auto [end, error] =
         std::from_chars(begin, text_.data() + text_.size(), number, std::chars_format::fixed);
     if (error != std::errc{} || !std::isfinite(number) || number < 0 || number > 1e15)
-      fail(at_, "a number is needed here");
+      fail(at_, "expected a number");
     at_ = static_cast<std::size_t>(end - text_.data());
     return number;
   }
 
   void set_count(double number, bool relative, std::size_t begin, std::size_t unit_at) {
     if (!is_share() || relative)
-      fail(unit_at, fmt::format("a unit is needed here: {}",
-                                relative ? "%, or what the figure is in" : "ns, us, ms, s"));
-    if (number != std::floor(number)) fail(begin, "messages are counted in whole ones");
+      fail(unit_at, fmt::format("a unit is missing: {}", !relative    ? "ns, us, ms, s"
+                                                         : is_share() ? "% or points"
+                                                                      : "%, ns, us, ms, s"));
+    if (number != std::floor(number)) fail(begin, "a number of messages must be whole");
     set(Gate::Limit::count, number);
   }
 
   void set_percent(double number, double sign, bool relative, std::size_t begin) {
     if (relative) {
-      if (sign < 0 && number >= 100) fail(begin, "nothing can be less by so much");
+      if (sign < 0 && number >= 100) fail(begin, "a value cannot fall by 100 % or more");
       return set(Gate::Limit::ratio, 1 + sign * number / 100);
     }
     if (!is_share())
-      fail(begin, use_ == Use::fail_if_compared ? "against another run a limit has a sign, such as +10%"
-                                                : "a time is limited by a time, such as 2 ms");
-    if (number > 100) fail(begin, "no more than 100 % can be late or lost");
-    // None is none: no run could ever prove a share.
+      fail(begin, use_ == Use::fail_if_compared
+                      ? "a limit in % compares two runs and needs a sign, such as +10%"
+                      : "the limit of a time is a time, such as 2 ms");
+    if (number > 100) fail(begin, "at most 100 % of messages can be late or lost");
+    // 0 % counts messages: no run could ever prove a share of 0.
     set(number == 0 ? Gate::Limit::count : Gate::Limit::absolute, number / 100);
   }
 

@@ -44,8 +44,7 @@ std::string interval(const Interval& interval, Text text) {
 constexpr const char* nothing_answered = "no message was answered";
 constexpr const char* too_few = "too few messages: measure longer";
 constexpr const char* one_run =
-    "one run on a side does not show what changes from one start to the next: repeat the runs (repeat: 5), "
-    "or add --single-runs";
+    "one run per side does not show how much runs vary. Repeat the runs (repeat: 5), or add --single-runs";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
   return {result, std::move(run), gate.requirement(), std::move(says)};
@@ -64,8 +63,8 @@ std::optional<Question> question_of(const Gate& gate, const Summary& run) {
   return Question{probability_beyond(gate, run), metric.share_above()};
 }
 
-// So short that it could not have shown that it keeps to the limit. Where no event says that they come in
-// bursts, the number of messages alone decides: whether a run can pass is not left to chance.
+// The run is too short to prove that it meets the limit. Without events there is no sign of bursts: then only
+// the number of messages decides, so that chance does not.
 bool is_too_short(const Question& question) {
   const auto& of = question.of.at_most;
   return static_cast<double>(of.messages) <
@@ -78,8 +77,7 @@ bool is_every_message(const statistics::Probability& slower) {
   return slower.messages >= enough && slower.events == slower.messages;
 }
 
-// What the number of slower messages shows of a percentile, whose value is above its limit or not: each
-// answer by the bound that speaks against it.
+// Judges a percentile by the number of slower messages. Each answer uses the bound that opposes it.
 Answer answer_by_share(const Question& question, bool is_above) {
   const auto& [least, most] = question.of;
   if (is_above && (is_every_message(least) || statistics::exceeds(least, question.most) == Answer::yes))
@@ -107,13 +105,13 @@ Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summar
   if (judged.result != Result::held || gate.figure == Figure::lost) return judged;
   if (is_of_too_few_answers(gate, run)) {
     judged.is_sure = false;
-    judged.says += fmt::format("; but {} of {} messages were lost, and have no time", run.lost, run.sent);
+    judged.says += fmt::format("; but {} of {} messages were lost and are not included", run.lost, run.sent);
   }
   if (gate.times != statistics::Times::round_trip) return judged;
   const auto waited = run.late_by_response.value_or(0);
   if (waited <= run.late + run.lost) return judged;
   judged.is_sure = false;
-  judged.says += fmt::format("; but {} of {} cycles had no answer in time (response {})", waited,
+  judged.says += fmt::format("; but {} of {} cycles had no answer in time (see response {})", waited,
                              run.sent + run.skipped_cycles, figure_of(gate));
   return judged;
 }
@@ -130,7 +128,7 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
       gate, run);
 }
 
-// What the answer to "is the limit passed" makes of a gate.
+// The judgement that follows from the answer to "is the limit exceeded".
 Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
   auto held = judgement(gate, std::move(run), Result::held, says);
@@ -139,9 +137,10 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
   return held;
 }
 
-// Of what was listened to, that which the gate asks for; empty: it can be judged.
+// Why `ontime listen` did not see what the gate judges; empty: it did.
 std::string not_seen(const Gate& gate, const Summary& run) {
-  if (gate.figure == Figure::lost && !statistics::knows_loss(run.run)) return "loss is not known";
+  if (gate.figure == Figure::lost && !statistics::knows_loss(run.run))
+    return "the number of lost messages is unknown";
   if (gate.figure == Figure::late && !statistics::knows_late(run.run)) return "no limit was stated";
   return "";
 }
@@ -171,20 +170,20 @@ std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
   for (const auto* host : record::both_hosts) {
     const auto& set = record::find(outcome.hosts, host).kernel;
     if (const auto found = std::find_if(set.begin(), set.end(), did_not_last); found != set.end())
-      return fmt::format("kernel.{} was not as it was asked for to the end, on the {}", found->setting, host);
+      return fmt::format("kernel.{} on the {} did not keep the requested value", found->setting, host);
   }
   if (const auto* host = host_that([&](const record::Host& of) {
         return std::any_of(of.isolation.begin(), of.isolation.end(), did_not_last);
       }))
-    return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}", host);
+    return fmt::format("the requested CPUs and limits on the {} did not last to the end", host);
   if (const auto* host = host_that([](const record::Host& of) { return of.link.gone.has_value(); });
       host != nullptr && asked.faults.any())
-    return fmt::format("the link's faults were not verified to the end, at the {}", host);
+    return fmt::format("the link faults on the {} were not verified to the end", host);
   for (const auto* way : record::both_ways) {
     if (record::find(outcome.traffic, way).is_short == true)
-      return "the traffic that was asked for was not there";
+      return "traffic fell short of the requested rate";
     if (record::find(outcome.neighbours, way).is_short)
-      return "the neighbours that were asked for were not there";
+      return "background topics fell short of the requested rate";
   }
   return "";
 }
@@ -240,17 +239,17 @@ Flaw flaw_of(const Summary& run) {
 std::string unfit(const Summary& run) {
   switch (flaw_of(run)) {
     case Flaw::imported:
-      return "it was imported, and has no messages";
+      return "it is imported and has no single messages";
     case Flaw::failed:
       return "it failed: " + *run.run.outcome.error;
     case Flaw::cut_off:
       return "it was not measured to its end";
     case Flaw::worst_only:
-      return "its file keeps the samples of the worst messages only";
+      return "its file keeps only samples of the worst messages";
     case Flaw::unrecorded:
       return fmt::format("{} of its samples were not recorded", statistics::unrecorded(run.run));
     case Flaw::misfit:
-      return record::misfit_of(run.run.asked, run.run.outcome) + " is not as ontime writes it";
+      return record::misfit_of(run.run.asked, run.run.outcome) + " has an invalid value";
     case Flaw::nothing_sent:
       return "nothing was sent";
     case Flaw::absent: {

@@ -18,26 +18,26 @@ constexpr std::size_t most_different_runs = 10'000;
 constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
 
-// What the bridge has not by which several namespaces are joined.
+// Keys that have no effect on a bridge between several namespaces.
 void check_behind_a_bridge(const std::string& path, const Hosts& hosts) {
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() == 1) return;
   for (const auto* of_ports :
        {"kernel.gro", "kernel.threaded-napi", "kernel.napi-threads", "kernel.napi-cpus"})
     if (path == of_ports)
       throw std::invalid_argument(
-          "several components in namespaces are joined by a bridge, which takes in no packets itself: "
-          "leave it out, or components");
+          "a bridge joins several components in namespaces and receives no packets itself: leave out this "
+          "key or components");
 }
 
-// By which alone a transport without topics tells components apart; and iperf3, which listens there.
+// Transports without topics, and iperf3, tell components apart only by address.
 void check_addresses(const Together& all, const Hosts& hosts) {
   std::map<std::string, std::string> of_transport, of_traffic;
-  const auto check = [](auto& names, const std::string& whose, const std::string& address, const Run& run) {
+  const auto check = [](auto& names, const std::string& reason, const std::string& address, const Run& run) {
     if (address.empty()) return;
     if (const auto [other, is_first] = names.emplace(address, run.component); !is_first)
       throw std::invalid_argument(
-          fmt::format("{} each component has its own address, and {} and {} have the same: {}", whose,
-                      other->second, run.component, address));
+          fmt::format("{} and {} have the same address, {}: each component needs its own {}", other->second,
+                      run.component, address, reason));
   };
   for (const auto& run : all) {
     const auto& address = hosts.at(run.component).address;
@@ -46,16 +46,14 @@ void check_addresses(const Together& all, const Hosts& hosts) {
   }
 }
 
-// The controller's ends of all are on one interface, of which each would take the queue and the place of an
-// XDP program.
+// All controller ends share one interface, which has one XDP program and one queue for it.
 void check_queues(const Together& all) {
   const Run* first = nullptr;
   for (const auto& run : all) {
     if (!is_past_the_kernel(run.task.transport)) continue;
     if (first != nullptr)
       throw std::invalid_argument(
-          fmt::format("over xdp {} and {} would share a queue at the controller, and each end takes one "
-                      "for itself: take "
+          fmt::format("over xdp, {} and {} need a queue each, but the controller has one for both: use "
                       "ethernet for all but one",
                       first->component, run.component));
     first = &run;
@@ -69,12 +67,12 @@ struct Choice {
 };
 struct Dimension {
   std::string path;
-  const conditions::Key* key;  // nothing: a transport's option
+  const conditions::Key* key;  // null: a transport's option
   std::vector<Choice> choices;
   Said said;
 };
 
-// Of one run as it is written.
+// The runs that one entry of `runs` makes.
 class Combinations {
  public:
   Combinations(Origin& origin, const std::string& id, const YAML::Node& node, const Required& required)
@@ -128,7 +126,7 @@ class Combinations {
     if (selection.explain) entries.try_emplace("explain", node_);
     for (const auto& [path, value] : selection.set) {
       if (!is_key(path) && !is_option(path))
-        throw Error(fmt::format("there is no key '{}'{}", path, nearest(path)));
+        throw Error(fmt::format("unknown key '{}'{}", path, nearest(path)));
       entries.try_emplace(path, node_);
     }
   }
@@ -168,7 +166,7 @@ class Combinations {
     return choices;
   }
 
-  // Each component of which anything is said alone, and all, as one ("").
+  // Each component with keys of its own, and all together ("").
   std::set<std::string> owners_of_all() const {
     std::set<std::string> owners{""};
     for (const auto& dimension : dimensions_) owners.insert(dimension.said.component);
@@ -186,8 +184,7 @@ class Combinations {
       combinations *= choices.size();
       if (origin_.different + combinations > most_different_runs)
         fail(node_,
-             fmt::format("run '{}': with every combination of its lists there are more than {} different "
-                         "runs; make several scenarios of them",
+             fmt::format("run '{}': its lists combine to more than {} different runs; split the scenario",
                          id_, most_different_runs));
       std::size_t longest = 0;
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
@@ -201,12 +198,13 @@ class Combinations {
   void hold(std::size_t bytes) {
     origin_.held += bytes;
     if (origin_.held > most_held)
-      fail(node_, fmt::format("run '{}': the runs until here hold more than {} MiB of keys and values; make "
-                              "several scenarios of them",
-                              id_, most_held >> 20U));
+      fail(node_,
+           fmt::format(
+               "run '{}': the runs up to here hold more than {} MiB of keys and values; split the scenario",
+               id_, most_held >> 20U));
   }
 
-  // The key that is searched becomes the last, so that its values follow one another. False: there is none.
+  // Makes the searched key the last, so that its values follow one another. False: no key is searched.
   bool search_last() {
     const auto at = [&](const std::string& path) {
       return std::ranges::find(dimensions_, path, &Dimension::path);
@@ -218,15 +216,14 @@ class Combinations {
     const auto path = origin_.keys.current(stated);
     const auto key = at(path);
     if (key == dimensions_.end() || key->choices.size() < 2)
-      fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
-                             "the harshest",
+      fail(node, fmt::format("search: '{}' has no list of values in this run; list them from gentle to harsh",
                              path));
     if (key->said.key == "transport") fail(node, "search: transports have no order from gentle to harsh");
     std::rotate(key, key + 1, dimensions_.end());
     return true;
   }
 
-  // Of all, and, where any has something of its own, of each: what varies for one is beside the others.
+  // A run for all components; `own` has one for each if any has keys of its own.
   Run make_runs(const std::set<std::string>& owners) const {
     auto run = make_run("");
     for (const auto& component : owners)
@@ -241,7 +238,7 @@ class Combinations {
     return run;
   }
 
-  // Of all components, or of one by its name, where what is said of it alone comes before what is of all.
+  // Of all components (""), or of one: its own keys have precedence over the common ones.
   Run make_run(const std::string& component) const {
     Run run;
     run.id = id_;
@@ -275,7 +272,7 @@ class Combinations {
     return run;
   }
 
-  // By that key, or, of "realtime", by one below it.
+  // The component sets that key itself, or a key below it, such as realtime.priority.
   bool is_said_anew(const std::string& key, const std::string& component) const {
     return !component.empty() && std::ranges::any_of(dimensions_, [&](const Dimension& other) {
       return other.said.component == component &&

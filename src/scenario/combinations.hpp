@@ -15,7 +15,7 @@ namespace ontime::scenario {
 // Gates of a run, by component; "": of all.
 using Required = std::map<std::string, std::vector<std::string>>;
 
-// Of one scenario: what its runs are made of, which outlives it, and how much they are until here.
+// The scenario that runs are made from, which must outlive this, and the amount of runs so far.
 struct Origin {
   const std::string& file;
   const Hosts& hosts;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What follows of the keys of a run, and what they rule out.
+// Completes and checks a run whose keys are set.
 #include "scenario/complete.hpp"
 
 #include <algorithm>
@@ -21,7 +21,7 @@ using transport::Capabilities;
 using Text = const std::string&;
 
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
-constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
+constexpr std::int64_t max_domain = 232;       // the highest with valid ports
 
 std::string whole_topic(const Run& run, Text name) {
   if (name.starts_with('/')) return name;
@@ -39,7 +39,8 @@ void complete_topics(Run& run) {
 void complete_isolation(const Run& run) {
   const auto& wish = run.isolation;
   if (wish.interrupts && wish.cpus.empty())
-    throw std::invalid_argument("isolation.interrupts needs isolation.cpus: the CPUs to keep interrupts off");
+    throw std::invalid_argument(
+        "isolation.interrupts needs isolation.cpus: the CPUs to keep free of interrupts");
   for (const auto* name : {"irq-cpus", "workqueue-cpus"})
     if (wish.interrupts && run.kernel.contains(name))
       throw std::invalid_argument(
@@ -58,7 +59,8 @@ void complete_isolation(const Run& run) {
                         role, cpu, wish.cpus));
 }
 
-// Whether one of ontime's own is known to have that, or not to have it: of others only the plug-in knows.
+// Whether a shipped transport has (or lacks) this capability; false for others, which only their plug-in
+// knows.
 bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
   const auto* const own = transport::shipped(transport);
   return own != nullptr && own->can.*what == has;
@@ -80,18 +82,18 @@ int domain_of_environment() {
     return static_cast<int>(number_of(id, 0, max_domain));
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(
-        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or state the domain", error.what()));
+        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or set the domain", error.what()));
   }
 }
 
 void check_topics(const transport::Config& config) {
   for (const auto& topic : {config.ping_topic, config.pong_topic})
     if (topic.size() > max_topic_length)
-      throw std::invalid_argument(fmt::format(
-          "the topic {} is longer than {} characters, the most that ROS 2 takes", topic, max_topic_length));
+      throw std::invalid_argument(
+          fmt::format("topic {} is longer than {} characters, the limit of ROS 2", topic, max_topic_length));
   if (config.ping_topic == config.pong_topic)
     throw std::invalid_argument(
-        fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
+        fmt::format("topics.ping and topics.pong are both {}: use two names", config.ping_topic));
 }
 
 bool is_below_ip(Text transport) { return is_known(transport, &Capabilities::below_ip); }
@@ -144,23 +146,22 @@ Run with_component(Run run, const std::string& name) {
 void complete(Run& run) {
   auto& client = run.task.client;
   if (const auto& own = run.listening; !own.any() && (own.deadline || own.period || own.age))
-    throw std::invalid_argument(
-        "listen.deadline, listen.period and listen.age need listen.topics: whose messages they judge");
-  if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
+    throw std::invalid_argument("listen.deadline, listen.period and listen.age need listen.topics");
+  if (run.task.transport.empty()) throw std::invalid_argument("no transport is set");
   if (run.component_transport.empty() && !run.component_options.empty())
-    throw std::invalid_argument("component.options need a component.transport");
+    throw std::invalid_argument("component.options needs component.transport");
   if (run.explain && run.component_restart)
     throw std::invalid_argument(
-        "explain knows a component's threads by their ids, which change when it is started again: leave out "
-        "explain or component.restart");
+        "explain identifies the server's threads by id, and a restart changes the ids: leave out explain or "
+        "component.restart");
   if (run.security != Security::off && is_known(run.task.transport, &Capabilities::security, false))
-    throw std::invalid_argument(fmt::format("transport {} has no DDS Security; {} have: leave out security",
-                                            run.task.transport, fmt::join(names_with_security(), " and ")));
+    throw std::invalid_argument(fmt::format("transport {} has no DDS Security: leave out security, or use {}",
+                                            run.task.transport, fmt::join(names_with_security(), " or ")));
   if (run.security != Security::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
     throw std::invalid_argument(
-        fmt::format("security needs the same transport at both ends, because two vendors' DDS do not always "
-                    "authenticate each other: leave out security or component.transport ({})",
+        fmt::format("security needs the same transport at both ends: DDS of two vendors may not authenticate "
+                    "each other. Leave out security or component.transport ({})",
                     run.component_transport));
   if (run.explain && any_past_the_kernel(run))
     throw std::invalid_argument(
@@ -173,11 +174,11 @@ void complete(Run& run) {
   complete_isolation(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
-        fmt::format("the deadline ({}) is longer than the time-out ({}): nothing could ever be late",
+        fmt::format("deadline ({}) is longer than timeout ({}): no message could be late",
                     text_of(client.deadline), text_of(client.timeout)));
   if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
     throw std::invalid_argument(
-        "more than 500000 messages may be in flight: lengthen the period or shorten the time-out");
+        "more than 500000 messages could be in flight: use a longer period or a shorter timeout");
   for (auto& [role, thread] : run.task.realtime.threads) {
     const bool has_priority = thread.policy == Policy::fifo || thread.policy == Policy::round_robin;
     if (thread.priority != 0 && !has_priority)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the keys of what is beside the messages rule out.
+// Checks of traffic, link faults and background topics.
 #include <sstream>
 #include <string_view>
 
@@ -13,7 +13,7 @@ namespace {
 
 using conditions::has_etf, conditions::text_of, conditions::Traffic;
 
-// As tc takes it, which is content with its beginning.
+// tc accepts abbreviations of the word.
 bool has_deadline_mode(const std::string& qdisc) {
   std::istringstream words(qdisc);
   for (std::string word; words >> word;)
@@ -27,39 +27,39 @@ void complete_launch(const Run& run) {
   const bool asked = run.task.config.launch_ns > 0;
   if (asked != has_etf(qdisc))
     throw std::invalid_argument(
-        asked
-            ? "launch-time needs an etf that keeps the messages until then: link.qdisc: prio bands 2 priomap "
-              "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000, with "
-              "link.message-priority: 6"
-            : "the etf of link.qdisc drops packets without a launch time: add launch-time");
+        asked ? "launch-time needs an etf. Example: link.qdisc: prio bands 2 priomap 1 1 1 1 1 1 0 1 1 1 1 1 "
+                "1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000, with link.message-priority: 6"
+              : "the etf of link.qdisc drops packets without a launch time: add launch-time");
   if (!asked) return;
   if (qdisc.starts_with("etf") && !is_below_ip(run.task.transport))
     throw std::invalid_argument(
-        "an etf at the root drops ARP too, and IP needs ARP: link.qdisc: prio bands 2 priomap "
-        "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
+        "an etf at the root also drops ARP, which IP needs. Example: link.qdisc: prio bands 2 priomap 1 1 1 "
+        "1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
   if (has_deadline_mode(qdisc))
     throw std::invalid_argument(
-        "with deadline_mode an etf sends a message before its launch-time: leave out one");
+        "with deadline_mode an etf sends a message before its launch-time: leave out deadline_mode or "
+        "launch-time");
   if (run.task.client.schedule == roundtrip::Schedule::back_to_back)
     throw std::invalid_argument(
-        "launch-time counts from when a message is due, and with back-to-back none is due: use another "
+        "launch-time counts from a due time, which schedule back-to-back does not have: use another "
         "schedule");
   if (2 * run.task.config.launch_ns >= run.task.client.timeout.count())
     throw std::invalid_argument(
-        "message and answer each wait for launch-time, together not less than timeout: every message would "
+        "message and answer each wait for launch-time, in total for timeout or longer: every message would "
         "be lost");
   if (run.faults.duplicates > 0)
     throw std::invalid_argument(
-        "a frame that link.duplicate sends again has no launch-time, and the etf drops it: leave out one");
+        "the etf drops the copies by link.duplicate, which have no launch-time: leave out link.duplicate or "
+        "launch-time");
   const bool is_beside =
       run.faults.traffic_priority && run.faults.traffic_priority != run.faults.message_priority;
   if (run.traffic.bits_per_s > 0 && (qdisc.starts_with("etf") || !is_beside))
     throw std::invalid_argument(
-        "an etf drops what has no launch-time: traffic needs a class of its own beside it, by "
+        "an etf drops packets without a launch-time: give the traffic a class beside the etf, by "
         "link.traffic-priority");
   if (run.explain)
     throw std::invalid_argument(
-        "explain would take the wait for a launch for a wait behind others: leave out explain, or "
+        "explain cannot tell a wait for launch-time from a wait in a queue: leave out explain or "
         "launch-time");
 }
 
@@ -71,36 +71,35 @@ void complete_link(const Run& run) {
     throw std::invalid_argument(
         "link.qdisc and link.delay both set the queueing discipline of the interface: leave out one");
   if (faults.dscp && is_below_ip(run.task.transport))
-    throw std::invalid_argument(fmt::format(
-        "link.dscp is in the header of IP, which messages by {} do not have: leave it out, or take udp",
-        run.task.transport));
+    throw std::invalid_argument(
+        fmt::format("link.dscp needs an IP header, and messages over {} have none: leave it out, or use udp",
+                    run.task.transport));
   if (faults.traffic_priority && run.traffic.bits_per_s == 0)
     throw std::invalid_argument("link.traffic-priority needs a traffic.rate");
   if (faults.jitter > faults.delay)
-    throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
+    throw std::invalid_argument("link.jitter must not be more than link.delay");
   complete_launch(run);
   if (run.cut && run.cut->at >= run.task.client.duration)
-    throw std::invalid_argument("link.cut begins when the run's duration is over");
+    throw std::invalid_argument("link.cut must begin before the end of duration");
 }
 
 constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
 constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
 constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
 
-// What only a transport with nodes and executors has.
+// These places exist only in a transport with nodes and executors.
 void check_place(const Run& run) {
   const auto* const where = roundtrip::word_of(run.task.neighbours.where);
   for (const auto& transport : {run.task.transport, run.component_transport})
     if (const auto* const own = transport::shipped(transport); own != nullptr && !own->can.nodes)
-      throw std::invalid_argument(fmt::format(
-          "neighbours.where: {} is ROS 2's, and {} has no nodes, callback groups or executors; it "
-          "has same-participant, same-process and other-process",
-          where, transport));
+      throw std::invalid_argument(
+          fmt::format("neighbours.where: {} needs ROS 2, and {} has no nodes or executors: use "
+                      "same-participant, same-process or other-process",
+                      where, transport));
   if (run.task.config.receive == transport::Receive::waitset)
-    throw std::invalid_argument(
-        fmt::format("neighbours.where: {} needs an executor, and with receive waitset there is none: use "
-                    "receive listener",
-                    where));
+    throw std::invalid_argument(fmt::format(
+        "neighbours.where: {} needs an executor, which receive: waitset does not have: use receive: listener",
+        where));
 }
 
 }  // namespace
@@ -112,7 +111,7 @@ std::string without_port(const std::string& address) {
 
 void complete_network(Run& run) {
   if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
-    throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
+    throw std::invalid_argument("traffic has settings but no rate: set traffic.rate");
   if (run.faults.any() && any_past_the_kernel(run))
     throw std::invalid_argument(
         "xdp bypasses the packet filter and queueing disciplines that make link faults: leave out link, or "
@@ -125,35 +124,34 @@ void complete_neighbours(const Run& run) {
   const auto& neighbours = run.task.neighbours;
   if (neighbours.topics == 0) {
     if (run.describes_neighbours)
-      throw std::invalid_argument(
-          "neighbours are described, but there are none: neighbours.topics says how many");
+      throw std::invalid_argument("background topics have settings but no number: set neighbours.topics");
     return;
   }
   for (const auto& transport : {run.task.transport, run.component_transport}) {
     const auto* const own = transport::shipped(transport);
     if (own == nullptr || own->can.neighbours) continue;
     if (own->can.topics)
-      throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
-    throw std::invalid_argument(
-        fmt::format("transport {} has no topics, and so no neighbours: use traffic for other packets on the "
-                    "link",
-                    transport));
+      throw std::invalid_argument(
+          fmt::format("transport {} has no background topics: use a DDS transport", transport));
+    throw std::invalid_argument(fmt::format(
+        "transport {} has no topics, so no background topics: use traffic for other packets on the link",
+        transport));
   }
   if (transport::is_of_nodes(neighbours.where)) check_place(run);
   if (neighbours.period / neighbours.topics < least_step)
-    throw std::invalid_argument(fmt::format(
-        "neighbours.rate: {} of them with a message every {} are more than 100000 messages a second, "
-        "each way",
-        neighbours.topics, text_of(neighbours.period)));
+    throw std::invalid_argument(
+        fmt::format("neighbours.rate: {} topics with a message every {} are more than 100000 messages/s in "
+                    "each direction",
+                    neighbours.topics, text_of(neighbours.period)));
   if (static_cast<std::uint64_t>(neighbours.topics) * depth * neighbours.payload_bytes > most_kept_bytes)
-    throw std::invalid_argument(fmt::format(
-        "neighbours.payload: {} of them keep the last {} messages of {} bytes, which is more than 1 GiB "
-        "of memory at each end",
-        neighbours.topics, depth, neighbours.payload_bytes));
+    throw std::invalid_argument(
+        fmt::format("neighbours.payload: {} topics, each with {} kept messages of {} bytes, need more than 1 "
+                    "GiB of memory at each end",
+                    neighbours.topics, depth, neighbours.payload_bytes));
   if (run.component_restart)
     throw std::invalid_argument(
-        "losses of neighbours cannot be counted at an end that is started again: leave out "
-        "neighbours, or component.restart");
+        "lost background messages cannot be counted across a restart: leave out neighbours or "
+        "component.restart");
   auto config = run.task.config;
   for (auto* topic : {&config.ping_topic, &config.pong_topic})
     *topic = roundtrip::neighbour_topic(*topic, neighbours.topics);

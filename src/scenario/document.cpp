@@ -32,7 +32,7 @@ bool is_text(utf::code_point c) {
   return utf::is_valid_codepoint(c) && !control;
 }
 
-// Where the first character is that no text has: half of one in UTF-8, or one that moves a terminal.
+// The first byte that is not valid UTF-8, or a control character.
 std::size_t first_of_no_text(const std::string& text) {
   for (auto at = text.begin(); at != text.end();) {
     const auto begin = at;
@@ -56,24 +56,23 @@ void check_characters(const std::string& file, const std::string& text) {
                       byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
 }
 
-// Follows what the parser finds, and stops it before there is too much of it.
+// Counts what the parser finds, and stops it at the limits.
 class Bounds final : public YAML::EventHandler {
  public:
   void OnDocumentStart(const YAML::Mark& mark) override {
-    if (++documents_ > 1) fail(mark, "a second document begins here, and a scenario is one");
+    if (++documents_ > 1) fail(mark, "a second document begins here; a scenario has one");
   }
   void OnDocumentEnd() override {}
   void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor, {1, 1}); }
   void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                 const std::string& value) override {
     check(mark, tag);
-    if (first_of_no_text(value) != value.npos) fail(mark, "a control character stands in this value");
+    if (first_of_no_text(value) != value.npos) fail(mark, "this value contains a control character");
     add(mark, anchor, {1, 1});
   }
   void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override {
     const auto whole = whole_.find(anchor);
-    if (whole == whole_.end())
-      fail(mark, "this alias stands within what it stands for, which would never end");
+    if (whole == whole_.end()) fail(mark, "this alias is inside its own anchor and would never end");
     add(mark, 0, whole->second);
   }
   void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
@@ -88,7 +87,7 @@ class Bounds final : public YAML::EventHandler {
   void OnMapEnd() override { end(); }
 
  private:
-  // Of a node and all below it, each alias counted as what it stands for.
+  // Size of a node and all below it, with aliases expanded.
   struct Extent {
     std::size_t nodes, levels;
   };
@@ -102,20 +101,18 @@ class Bounds final : public YAML::EventHandler {
     throw YAML::ParserException(mark, message);
   }
 
-  // Of what has none yaml-cpp says "?", of what is quoted "!".
+  // yaml-cpp gives "?" for a value without a tag, and "!" for a quoted one.
   static void check(const YAML::Mark& mark, const std::string& tag) {
     if (!tag.empty() && tag != "?" && tag != "!")
-      fail(mark,
-           fmt::format("the tag '{}' would change nothing: a key says what its value is; leave it out", tag));
+      fail(mark, fmt::format("the tag '{}' has no effect in a scenario: leave it out", tag));
   }
   void add(const YAML::Mark& mark, YAML::anchor_t anchor, Extent extent) {
     nodes_ += extent.nodes;
     if (nodes_ > most_nodes)
-      fail(mark, fmt::format("more than {} keys and values, aliases counted as what they stand for; make "
-                             "several scenarios of it",
+      fail(mark, fmt::format("more than {} keys and values, with aliases expanded; split the scenario",
                              most_nodes));
     if (open_.size() + extent.levels > most_levels)
-      fail(mark, fmt::format("more than {} levels within one another", most_levels));
+      fail(mark, fmt::format("more than {} levels of nesting", most_levels));
     if (!open_.empty()) open_.back().levels = std::max(open_.back().levels, extent.levels + 1);
     if (anchor != 0) whole_[anchor] = extent;
   }
@@ -177,7 +174,7 @@ std::string text_of(const std::string& file) {
   text.resize(static_cast<std::size_t>(in.gcount()));
   if (text.size() > most_bytes) {
     const auto size = fs::is_regular_file(file, none) ? fs::file_size(file, none) : text.size();
-    throw Error(fmt::format("scenario {} has {} bytes{}; a scenario has at most {}: make several of it", file,
+    throw Error(fmt::format("scenario {} has {} bytes{}; at most {} are allowed: split the scenario", file,
                             size, fs::is_regular_file(file, none) ? "" : " or more", most_bytes));
   }
   return text;
@@ -189,7 +186,7 @@ YAML::Node document_of(const std::string& file, const std::string& text) {
     std::istringstream in(text);
     YAML::Parser parser(in);
     Bounds bounds;
-    while (parser.HandleNextDocument(bounds)) {  // whatever is left after the first is refused as a second
+    while (parser.HandleNextDocument(bounds)) {  // OnDocumentStart refuses a second document
     }
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {

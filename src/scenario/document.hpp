@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A YAML file, read within bounds: yaml-cpp itself has none that keep our stack and memory.
+// Reads a YAML file within limits, because yaml-cpp limits neither stack nor memory.
 #pragma once
 
 #include <string>
@@ -13,8 +13,8 @@ namespace ontime::scenario {
 // Throws Error: file, line, column, message.
 [[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
 
-// The word that stands there as the value of a key. Throws the same, as once_each() does for a key that is
-// there twice: YAML forbids it, yaml-cpp lets the last one win.
+// The scalar value of a key. Throws Error, as once_each() does for a key that occurs twice: YAML forbids it,
+// but yaml-cpp uses the last.
 std::string scalar_of(const std::string& file, const YAML::Node&, const std::string& key);
 void once_each(const std::string& file, const YAML::Node& map);
 
@@ -22,11 +22,11 @@ void once_each(const std::string& file, const YAML::Node& map);
 void note_renamed(Notices&, const std::string& file, const YAML::Mark&, const std::string& earlier,
                   const std::string& current);
 
-// All of a file, if that is not too much.
+// The content of a file. Throws Error if it is too large.
 std::string text_of(const std::string& file);
 
-// The document that the text is. Its aliases never lead back into themselves; with each standing for a copy
-// of its own, it has no more nodes and levels than a walk through it has time and stack for.
+// Parses the text. Refuses aliases that contain themselves, and too many nodes or levels with aliases
+// expanded.
 YAML::Node document_of(const std::string& file, const std::string& text);
 
 }  // namespace ontime::scenario

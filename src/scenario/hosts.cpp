@@ -25,7 +25,7 @@ class HostsOfFile {
 
   void read(const YAML::Node& node, bool names_components) {
     if (node.IsScalar()) return read_kind(node);
-    if (!node.IsMap()) fail(node, "hosts: namespaces, loopback, or a map of controller and component");
+    if (!node.IsMap()) fail(node, "hosts: use namespaces, loopback, or a map of controller and component");
     once_each(file_, node);
     hosts_.kind = Hosts::Kind::stated;
     auto& component = hosts_.components.front().host;
@@ -36,26 +36,25 @@ class HostsOfFile {
       else if (name == "component" && !names_components)
         component = host_of(entry.second);
       else if (name == "component")
-        fail(entry.first,
-             "hosts: a component is stated here, and components are named beside; state all there");
+        fail(entry.first, "hosts: component and components exclude each other: move component to components");
       else
-        fail(entry.first, fmt::format("hosts: unknown host '{}'; there are controller and component", name));
+        fail(entry.first,
+             fmt::format("hosts: unknown host '{}'; allowed hosts: controller, component", name));
     }
     if (component.address.empty() && !names_components)
-      fail(node, "hosts: component.address is needed: where the controller finds it");
+      fail(node, "hosts: component.address is missing: the controller sends to it");
   }
 
   // A list of names, or a map of name and host where hosts are stated.
   void read_components(const YAML::Node& node) {
     const bool stated = hosts_.kind == Hosts::Kind::stated;
     if (hosts_.kind == Hosts::Kind::loopback)
-      fail(node,
-           "components: on loopback there is one; several are machines of their own (hosts: namespaces)");
+      fail(node, "components: loopback has one component; for several use hosts: namespaces");
     if (stated ? !node.IsMap() : !node.IsSequence())
-      fail(node, stated ? "components: with hosts that are stated, a map of names and hosts is needed: "
-                          "{arm: {address: …}, base: {address: …}}"
-                        : "components: a list of names is needed, such as [arm, base]; where each is can be "
-                          "said with hosts: {controller: …}");
+      fail(node, stated ? "components: where hosts is a map, a map of names and hosts is needed: {arm: "
+                          "{address: …}, base: {address: …}}"
+                        : "components: a list of names is needed, such as [arm, base]; to set their "
+                          "addresses, add hosts: {controller: …}");
     hosts_.components.clear();
     if (stated) once_each(file_, node);
     for (const auto& entry : node) {
@@ -63,10 +62,10 @@ class HostsOfFile {
       hosts_.components.push_back({name_of(name), stated ? host_of(entry.second) : Host{}});
       if (stated && hosts_.components.back().host.address.empty())
         fail(name,
-             fmt::format("components: {}.address is needed: where the controller finds it", name.Scalar()));
+             fmt::format("components: {}.address is missing: the controller sends to it", name.Scalar()));
     }
     if (hosts_.components.empty() || hosts_.components.size() > most_components)
-      fail(node, fmt::format("components: {} are named; there may be 1 to {}", hosts_.components.size(),
+      fail(node, fmt::format("components: {} names; 1 to {} are allowed", hosts_.components.size(),
                              most_components));
   }
 
@@ -79,9 +78,8 @@ class HostsOfFile {
 
   void read_kind(const YAML::Node& node) {
     if (node.Scalar() != "namespaces" && node.Scalar() != "loopback")
-      fail(node, fmt::format(
-                     "hosts: '{}' is neither namespaces nor loopback, nor a map of controller and component",
-                     node.Scalar()));
+      fail(node, fmt::format("hosts: '{}' is not namespaces, loopback, or a map of controller and component",
+                             node.Scalar()));
     hosts_.kind = node.Scalar() == "loopback" ? Hosts::Kind::loopback : Hosts::Kind::namespaces;
   }
 
@@ -100,10 +98,9 @@ class HostsOfFile {
     auto name = scalar_of(file_, node, "components");
     const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_'; };
     if (name.size() > longest_name || !std::all_of(name.begin(), name.end(), plain) || name[0] < 'a')
-      fail(node,
-           fmt::format("components: '{}' is no name of at most {} lower case letters, digits and _ that "
-                       "begins with a letter",
-                       name, longest_name));
+      fail(node, fmt::format("components: '{}' is not a name of at most {} lower-case letters, digits and _, "
+                             "starting with a letter",
+                             name, longest_name));
     if (has_a_meaning(name))
       fail(node, fmt::format("components: '{}' is already the name of a key; choose another", name));
     const auto same = [&](const auto& component) { return component.name == name; };
@@ -150,10 +147,9 @@ class HostsOfFile {
     auto destination = scalar_of(file_, node, "ssh");
     const auto odd = [](unsigned char c) { return c <= ' ' || c == 0x7f; };
     if (destination[0] == '-' || std::any_of(destination.begin(), destination.end(), odd))
-      fail(node,
-           fmt::format("ssh: '{}' is nothing that ssh connects to; say what you would type after \"ssh\": "
-                       "robot, user@host, ssh://user@host:port",
-                       destination));
+      fail(node, fmt::format(
+                     "ssh: '{}' is not an ssh destination, such as robot, user@host or ssh://user@host:port",
+                     destination));
     return destination;
   }
 
@@ -170,8 +166,8 @@ class HostsOfFile {
   std::string read_interface(const YAML::Node& node) const {
     auto name = scalar_of(file_, node, "interface");
     if (!journal::is_interface_name(name))
-      fail(node, fmt::format("interface: '{}' is not the name of an interface: at most 15 letters, digits, "
-                             "and _-.@ (Linux permits more, tc and nft do not); see \"ip link\"",
+      fail(node, fmt::format("interface: '{}' is not an interface name of at most 15 letters, digits and "
+                             "_-.@ (a limit of tc and nft); see \"ip link\"",
                              name));
     return name;
   }
@@ -196,10 +192,9 @@ void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
     fail_at(file, at.Mark(), "wire: " + message);
   };
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
-    fail(node,
-         "it joins the two namespaces of hosts: namespaces with one component, and these are other hosts");
+    fail(node, "it needs hosts: namespaces with one component");
   if (!node.IsMap() || node.size() == 0)
-    fail(node, "it has a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
+    fail(node, "it needs a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
   once_each(file, node);
   for (const auto& entry : node) {
     const auto key = entry.first.Scalar();
@@ -210,7 +205,7 @@ void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
       else if (key == "vlan")
         hosts.wire.vlan = static_cast<int>(number_of(text, 1, most_vlan));
       else
-        fail(entry.first, fmt::format("unknown key '{}'; it has rate and vlan", key));
+        fail(entry.first, fmt::format("unknown key '{}'; allowed keys: rate, vlan", key));
     } catch (const std::invalid_argument& error) {
       fail(entry.second, fmt::format("{}: {}", key, error.what()));
     }
@@ -220,11 +215,9 @@ void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
     throw Error(
-        fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
-                    "and {} has other hosts",
-                    file));
+        fmt::format("--cable needs hosts: namespaces with one component, and {} has other hosts", file));
   if (interfaces.size() != 2 || interfaces[0] == interfaces[1])
-    throw Error("--cable: it has two ends: name two interfaces, such as eth1,eth2");
+    throw Error("--cable needs two interfaces, such as eth1,eth2");
   hosts.controller.interface = interfaces[0];
   hosts.components.front().host.interface = interfaces[1];
 }

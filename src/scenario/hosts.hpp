@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where the ends are, as a scenario says it.
+// Reads a scenario's hosts, components and wire.
 #pragma once
 
 #include <optional>
@@ -11,16 +11,15 @@
 
 namespace ontime::scenario {
 
-// Of a scenario's `hosts` and `components`, as far as they are there. Throws Error with file, line and
-// column.
+// From a scenario's `hosts` and `components`, if stated. Throws Error with file, line and column.
 Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
                const std::optional<YAML::Node>& components, Notices&);
 
-// That the two namespaces of `hosts` are joined by such a wire. Throws Error with file, line and column.
+// Sets the wire between the two namespaces of `hosts`. Throws Error with file, line and column.
 void lay_wire(const std::string& file, const YAML::Node& wire, Hosts& hosts);
 
-// That the namespaces of `hosts` are joined by these two interfaces of this machine. Throws Error where
-// hosts are others, or interfaces not two.
+// Joins the namespaces of `hosts` by these two interfaces of this machine. Throws Error for other hosts, or
+// if there are not two interfaces.
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts);
 
 }  // namespace ontime::scenario

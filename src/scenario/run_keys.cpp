@@ -15,7 +15,7 @@ namespace {
 
 using conditions::keys;
 
-// "cpus" of "isolation"; "": it is no map.
+// "cpus" for "isolation"; "": no key is below it.
 std::string key_below(const std::string& path) {
   for (const auto& key : keys())
     if (key.path.starts_with(path + "."))
@@ -23,31 +23,29 @@ std::string key_below(const std::string& path) {
   return "";
 }
 
-// Why it cannot be said of one of several components alone, for people; "": it can.
+// Why a key cannot be set for one of several components, for people; "": it can.
 std::string common_to_all(const std::string& path) {
   constexpr std::pair<std::string_view, const char*> reasons[] = {
-      {"id", "it is of the run, which is one for all components"},
-      {"title", "it is of the run, which is one for all components"},
-      {"baseline", "it is of the run, which is one for all components"},
-      {"search", "it is of the run: say search: NAME.KEY there"},
-      {"duration", "all are measured at the same time, for as long"},
-      {"explain", "the kernels' events are kept for all, or for none"},
-      {"kernel.", "it is of machines, and the controller's is one for all"},
-      {"isolation.", "it is of machines, and the controller's is one for all"},
-      {"load.controller.", "the controller is one for all"}};
+      {"id", "all components share the run"},
+      {"title", "all components share the run"},
+      {"baseline", "all components share the run"},
+      {"search", "all components share the run: write search: NAME.KEY there"},
+      {"duration", "all components are measured at the same time"},
+      {"explain", "kernel events are recorded for all components or for none"},
+      {"kernel.", "it changes machines, and all components share the controller"},
+      {"isolation.", "it changes machines, and all components share the controller"},
+      {"load.controller.", "all components share the controller"}};
   for (const auto& [key, reason] : reasons)
     if (path == key || (key.ends_with('.') && path.starts_with(key))) return reason;
   return "";
 }
 
-// The same of a key that may be about a link: the controller's end of a component's is its own behind a
-// bridge.
+// As common_to_all(), also for link keys: behind a bridge each component has its own link to the controller.
 std::string why_not_its_own(const std::string& key, const Hosts& hosts) {
   if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
-  if (hosts.kind == Hosts::Kind::stated)
-    return "the controller's interface, which is one end of the link, is one for all";
+  if (hosts.kind == Hosts::Kind::stated) return "all components share the controller's interface";
   if (key == "link.message-priority" || key == "link.traffic-priority" || key == "link.dscp")
-    return "the controller gives it to all that it sends";
+    return "the controller uses one value for all that it sends";
   return "";
 }
 
@@ -105,8 +103,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     const auto [component, key] = divided(path);
     if (!component.empty() && key.empty())
       fail_at(file_, entry.first.Mark(),
-              fmt::format("{0}: what holds for this component alone is needed here, such as {0}: "
-                          "{{period: 2 ms}}",
+              fmt::format("{0}: keys of this component are needed here, such as {0}: {{period: 2 ms}}",
                           component));
     if (!is_key(key) && !is_option(key) && key != "id" && key != "require") {
       if (const auto below = key_below(key); !below.empty())
@@ -116,7 +113,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     }
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(),
-              fmt::format("{}: this cannot be said of one component: {}", path, reason));
+              fmt::format("{}: cannot be set for one component: {}", path, reason));
     if (!entries.emplace(path, entry.second).second)
       fail_at(file_, entry.first.Mark(), fmt::format("'{}' occurs twice", path));
   }

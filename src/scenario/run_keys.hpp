@@ -11,7 +11,7 @@
 
 namespace ontime::scenario {
 
-// A run as written, flat: path ("qos.depth") → what stands there.
+// A run as written, flat: path ("qos.depth") → value.
 using Entries = std::map<std::string, YAML::Node>;
 
 // A key as it stands below a component's name, "arm.period", or for all.
@@ -21,10 +21,10 @@ struct Said {
 };
 
 bool is_key(const std::string& path);
-// "; allowed keys: …", those that stand beside it, which is where a slip of the pen is found.
+// "; allowed keys: …": those of the same group, for a mistyped key.
 std::string nearest(const std::string& path);
 
-// Of one scenario, whose hosts outlive it. Throws Error: file, line, column, message.
+// Keys of one scenario, whose hosts must outlive this. Throws Error: file, line, column, message.
 class RunKeys {
  public:
   // `named`: the scenario names its components, below which keys may stand.

@@ -25,7 +25,7 @@ using conditions::number_of;
 constexpr std::size_t most_runs = 100'000;  // with repetitions
 constexpr std::size_t most_required = 100;
 
-// The first key of it by which something of the interface itself is set; "": none is.
+// The first key of the run that sets the interface itself; "": none.
 std::string of_an_interface(const Run& run) {
   for (const auto& setting : settings::table())
     if (setting.of_interface && run.kernel.contains(setting.name))
@@ -33,23 +33,21 @@ std::string of_an_interface(const Run& run) {
   return run.isolation.interrupts ? "isolation.interrupts" : "";
 }
 
-// "": it can be measured over that wire.
+// Why the run cannot be measured over that wire; "": it can.
 std::string why_not_over(const conditions::Wire& wire, const Run& run) {
   if (wire.vlan > 0) {
     const auto name = of_an_interface(run);
     if (name.empty()) return "";
-    return fmt::format(
-        "{} is of the interface that takes packets in, and with wire.vlan that is not the messages', but the "
-        "one below it: leave out {}, or wire.vlan",
-        name, name);
+    return fmt::format("{} does not apply to the VLAN interface of wire.vlan: leave out {} or wire.vlan",
+                       name, name);
   }
   if (wire.bits_per_s > 0 && any_past_the_kernel(run))
     return "xdp bypasses the interface's queueing disciplines, and wire.rate is one: use ethernet, or leave "
            "out wire.rate";
   if (wire.bits_per_s > 0 && (!run.faults.qdisc.empty() || run.faults.delay.count() > 0))
     return fmt::format(
-        "wire.rate and {} both are the queueing discipline of the interface: say wire.vlan as well, whose "
-        "interface has one of its own",
+        "wire.rate and {} both set the queueing discipline of the interface: add wire.vlan, which adds an "
+        "interface for the second",
         run.faults.qdisc.empty() ? "link.delay" : "link.qdisc");
   return "";
 }
@@ -80,7 +78,7 @@ class File {
       else if (const auto node = nodes.find(key); node != nodes.end())
         node->second->emplace(value);
       else
-        fail(entry.first, fmt::format("unknown key '{}'; a scenario has title, hosts, wire, components, "
+        fail(entry.first, fmt::format("unknown key '{}'; allowed keys: title, hosts, wire, components, "
                                       "defaults, order, repeat, runs",
                                       key));
     }
@@ -92,7 +90,7 @@ class File {
     Origin origin{scenario_.file, scenario_.hosts, keys, selection_};
     const auto for_all = defaults ? keys.flat(*defaults) : Entries{};
     if (const auto id = for_all.find("id"); id != for_all.end())
-      fail(id->second, "id: each run has one of its own, under runs");
+      fail(id->second, "id: set it for each run, under runs");
     for (const auto& run : *runs) read_run(run, for_all, origin);
     check_baselines();
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
@@ -118,8 +116,8 @@ class File {
     const auto is_here = [](const auto& component) { return component.host.ssh.empty(); };
     if (hosts.controller.ssh.empty() && std::ranges::all_of(hosts.components, is_here))
       throw Error(
-          fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
-                      "none (hosts: component: {{ssh: user@host …}})",
+          fmt::format("--deploy copies ontime to ssh hosts, and {} has none. Example: hosts: component: "
+                      "{{ssh: user@host …}}",
                       scenario_.file));
     hosts.deploy.emplace();
     const auto bring = [&](const Run& run) {
@@ -201,7 +199,7 @@ class File {
           throw Error(fmt::format("{}: {}: {}", scenario_.file, run.id, why));
   }
 
-  // A list that does not multiply: all of it must be so.
+  // A list that does not multiply: all gates apply.
   std::vector<std::string> read_require(const YAML::Node& node) const {
     std::vector<std::string> gates;
     const auto read = [&](const YAML::Node& gate) {
@@ -216,7 +214,8 @@ class File {
       read(node);
     else
       for (const auto& gate : node) read(gate);
-    if (gates.size() > most_required) fail(node, fmt::format("require: at most {} of a run", most_required));
+    if (gates.size() > most_required)
+      fail(node, fmt::format("require: at most {} gates per run", most_required));
     return gates;
   }
 

@@ -11,8 +11,8 @@
 namespace ontime::search {
 namespace {
 
-constexpr double steering_alpha = 0.2;  // of what a later trial puts right where it was wrong
-constexpr double likely_share = 0.15;   // of all messages: a cause of so many is hardly named wrongly
+constexpr double steering_alpha = 0.2;  // of decisions that a later trial can correct
+constexpr double likely_share = 0.15;   // of all messages: a cause of so many is rarely wrong
 constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
 constexpr int least_pairs = 2;               // before a trial is given up as without effect
 constexpr std::size_t least_references = 3;  // more are made only while the set itself breaks the goal
@@ -67,7 +67,7 @@ class Search {
     return not_met();
   }
 
-  // It fails only where that is proven.
+  // nothing_left only where failure is proven.
   End not_met() {
     if (!keeps_to_goal(set_)) leave_out_what_shows_no_effect();
     return measured_.fails(measured_.of(set_), level_of(set_)) ? End::nothing_left : End::not_proven;
@@ -75,8 +75,8 @@ class Search {
 
   // ── Trials
 
-  // One run; null where the set is refused. What may pass is tried again. Where the search cannot go on
-  // without the set, a recalled refusal does not end it: the set is tried again.
+  // One run; null if the set is refused. Failures that may pass are retried. For a vital set a recalled
+  // refusal is retried, too, because the search cannot go on without it.
   const Answer* measure(const Set& set, Trial& trial, bool is_vital) {
     for (int attempt = 1;; ++attempt) {
       auto run = measure_({static_cast<int>(outcome_.trials.size()) + 1, outcome_.runs + 1, set});
@@ -102,7 +102,7 @@ class Search {
     return decision;
   }
 
-  // Until it is known whether the goal holds by that set.
+  // Measures the set until it is known whether the goal holds.
   Decision measure_alone(const Set& set) {
     measured_alone_.insert(set);
     Trial trial{Purpose::measure, set};
@@ -122,7 +122,7 @@ class Search {
     return ended(trial, runs, {}, Decision::no_effect);
   }
 
-  // A set and what it is compared with take turns; which is first is chance. `decide`: once it is known.
+  // Runs of the set and its reference alternate in random order, until `decide` gives a decision.
   template <class Decide>
   Decision compare(Purpose purpose, const Set& set, const Set& reference, const std::string& why, int pairs,
                    Decide decide) {
@@ -163,7 +163,7 @@ class Search {
     return outcome_.trials.back().decision = Decision::improves;
   }
 
-  // By what was seen; `without` may be better.
+  // By the measured shares, without proof; `without` may be better.
   bool is_no_worse(const Set& without) {
     bool looks_no_worse = false;
     const auto decision =
@@ -187,7 +187,7 @@ class Search {
     });
   }
 
-  // Whether the goal is proven to hold without these.
+  // Whether the goal is proven to hold by `without`.
   bool can_go(const Set& without, bool single) {
     const auto decision = compare(
         Purpose::remove, without, set_, "", most_pairs,
@@ -203,7 +203,7 @@ class Search {
     return measure_alone(without) == Decision::holds;
   }
 
-  // By fresh runs alone: `fails`, too, where one message breaks a limit that permits none.
+  // By new runs only. Also `fails` if one message breaks a limit that permits none.
   Decision confirm() {
     const auto alpha = spent(problem_.alpha - level_of_start(), ++confirmations_);
     return compare(Purpose::confirm, set_, {}, "", most_pairs_to_confirm,
@@ -215,7 +215,7 @@ class Search {
                    });
   }
 
-  // By what was seen.
+  // By the measured shares, without proof.
   bool keeps_to_goal(const Set& set) const {
     return !disproved_.contains(set) && measured_.kept_to(measured_.of(set));
   }
@@ -224,10 +224,10 @@ class Search {
     return !disproved_.contains(set) && measured_.holds(measured_.of(set), steering_alpha);
   }
 
-  // Of the statement that the goal holds without any setting. The confirmations share the rest of alpha.
+  // Alpha of the statement that the goal holds without any setting. Confirmations share the rest.
   double level_of_start() const { return problem_.alpha / 4; }
 
-  // Of the statement that the goal fails by this set.
+  // Alpha of the statement that the goal fails by this set.
   double level_of(const Set& set) {
     return spent(problem_.alpha, statements_.try_emplace(set, statements_.size() + 1).first->second);
   }
@@ -257,7 +257,7 @@ class Search {
            !harmful_.contains({setting.key, setting.value});
   }
 
-  // Whether any of them was kept.
+  // Whether any of the settings was kept.
   bool add(const std::vector<Setting>& settings, const std::string& why) {
     auto set = set_;
     for (const auto& [key, value] : settings) set[key] = value;
@@ -284,8 +284,8 @@ class Search {
     return add({settings.begin(), half}, why) || add({half, settings.end()}, why);
   }
 
-  // Of each cause of many messages the first remedy, where there are several such causes: a goal that permits
-  // hardly any message needs all of them gone. Causes of few messages may have been named wrongly.
+  // Tries the first remedy of each frequent cause together, if there are several: a strict goal needs all of
+  // them removed. Rare causes may be wrong.
   bool add_likely_remedies() {
     const auto findings = findings_of(set_);
     double messages = 0;
@@ -297,7 +297,7 @@ class Search {
       if (finding.messages >= likely_share * messages && remedy != finding.remedies.end())
         append_if_new(all, *remedy);
     }
-    return all.size() > 1 && add(all, "the most frequent causes at once");
+    return all.size() > 1 && add(all, "the most frequent causes together");
   }
 
   static void append_if_new(std::vector<Setting>& all, const Setting& one) {
@@ -311,7 +311,8 @@ class Search {
     return false;
   }
 
-  // Where two causes hide one another, no remedy shows alone, and a cause may show only once another is gone.
+  // If two causes hide each other, no single remedy has an effect; a cause may also appear only after another
+  // is removed.
   bool add_all_remedies() {
     std::vector<Setting> all;
     const auto collect = [&](const Set& set) {
@@ -322,10 +323,11 @@ class Search {
     collect(set_);
     for (const auto& trial : outcome_.trials)
       if (trial.purpose == Purpose::add && trial.reference == set_) collect(trial.set);
-    return all.size() > 1 && add(all, "all causes at once");
+    return all.size() > 1 && add(all, "all causes together");
   }
 
-  // What no cause names, together, for most of it is without effect: the first values of all, then the next.
+  // Settings that no cause proposes, together, because most have no effect: the first value of each, then the
+  // next.
   bool add_what_is_left() {
     std::size_t most = 0;
     for (const auto& knob : problem_.knobs) most = std::max(most, knob.values.size());
@@ -335,14 +337,14 @@ class Search {
         if (value < knob.values.size() && !set_.contains(knob.key) &&
             may_be_set({knob.key, knob.values[value]}))
           all.push_back({knob.key, knob.values[value]});
-      if (!add(all, "no named cause")) continue;
+      if (!add(all, "settings without a named cause")) continue;
       if (!holds(set_)) leave_out_what_shows_no_effect();
       return true;
     }
     return false;
   }
 
-  // What harmed beside another set may help beside this one.
+  // A setting that harmed another set may help this one.
   bool reconsider() { return !std::exchange(harmful_, {}).empty(); }
 
   std::vector<Finding> findings_of(const Set& set) const {
@@ -369,7 +371,7 @@ class Search {
     }
   }
 
-  // Of members that were added together some may harm, and hide what others do.
+  // Some members that were added together may harm and hide the effect of others.
   void leave_out_what_shows_no_effect() {
     for (auto size = set_.size() / 2; size > 0; size /= 2)
       for (const auto& part : parts(size))
@@ -378,7 +380,7 @@ class Search {
           set_ = without;
   }
 
-  // Of the members, so many each.
+  // The members in parts of this size.
   std::vector<std::vector<Setting>> parts(std::size_t size) const {
     std::vector<std::vector<Setting>> parts;
     for (const auto& [key, value] : set_) {
@@ -448,7 +450,7 @@ const char* word(const char* const (&words)[size], Word value) {
 }  // namespace
 
 std::string text_of(const Finding& finding) {
-  return fmt::format("{:.0f} of the messages looked at: {}", finding.messages, finding.cause);
+  return fmt::format("{:.0f} of the analyzed messages: {}", finding.messages, finding.cause);
 }
 
 const char* word_of(Decision decision) {

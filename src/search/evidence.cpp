@@ -6,7 +6,7 @@
 namespace ontime::search {
 namespace {
 
-// Of no events an alternative of 0 is as good as any; of some it is none.
+// Without events an alternative of 0 has a likelihood; with events it has none.
 double term(double count, double factor) { return count > 0 ? count * std::log(factor) : 0; }
 
 double likelihood_ratio(const Count& count, double share, double alternative) {
@@ -28,7 +28,7 @@ double border(double kept, double excluded, Excludes excludes) {
 }  // namespace
 
 double against_at_least(const Count& count, double share) {
-  // Mostly that there is none, for that is what a search hopes to prove.
+  // Half of the weight is on a share of 0, which a search wants to prove.
   constexpr double parts[] = {1.0 / 16, 1.0 / 8, 1.0 / 4, 1.0 / 2};
   double sum = 0;
   for (const double part : parts) sum += likelihood_ratio(count, share, part * share);

@@ -10,7 +10,7 @@
 
 namespace ontime::search {
 
-// So many messages, and how many of them are late, lost or slow. Effective ones: they need not be whole.
+// Effective numbers of messages, and of those that are late, lost or slow; not always whole.
 struct Count {
   double events = 0, messages = 0;
 };
@@ -24,7 +24,7 @@ double against_at_most(const Count&, double share);
 // for others.
 double less_than(const Count& first, const Count& second);
 
-// Holds the share with probability 1 − alpha, at all times at once.
+// Contains the true share with probability 1 − alpha, at all times at once.
 struct Range {
   double low = 0, high = 1;
 };

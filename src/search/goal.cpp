@@ -11,22 +11,20 @@ namespace {
 
 using statistics::Figure;
 
-// Of messages, how many may break the limit.
+// The share of messages that may break the limit.
 double permitted_share(const gate::Gate& gate) {
   if (gate.kind == gate::Gate::Limit::absolute && !statistics::metric_of(gate.figure).is_share &&
       gate.limit <= 0)
-    throw gate::Error(fmt::format("'{}': every message takes longer than 0", gate.text));
+    throw gate::Error(fmt::format("'{}': the limit must be more than 0", gate.text));
   if (gate.figure == Figure::mean)
     throw gate::Error(
-        fmt::format("'{}': a mean cannot be a goal, because it says nothing of single messages: "
-                    "take p50, p99 or max",
+        fmt::format("'{}': a mean cannot be a goal, because it limits no single message. Use p50, p99 or max",
                     gate.text));
   if (gate.figure == Figure::max) return 0;
   if (const auto& metric = statistics::metric_of(gate.figure); metric.one_in > 0) return metric.share_above();
   if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
     throw gate::Error(
-        fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "
-                    "such as 0.1 %",
+        fmt::format("'{}': a number of messages depends on the run's length. Use 0, or a share such as 0.1 %",
                     gate.text));
   return gate.limit;
 }
@@ -46,9 +44,9 @@ Part part_of(const std::string& text) {
   // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
   auto parsed = gate::parse(gate, gate::Use::require);
   if (comparison == "=" && parsed.limit != 0)
-    throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
+    throw gate::Error(fmt::format("'{}': = takes only 0; use < for other limits", text));
   if (comparison == "<" && parsed.limit == 0)
-    throw gate::Error(fmt::format("'{}': nothing is less than 0: write = 0", text));
+    throw gate::Error(fmt::format("'{}': nothing is less than 0. Use = 0", text));
   const auto share = permitted_share(parsed);
   return {{text, share}, std::move(parsed)};
 }
@@ -66,7 +64,7 @@ std::vector<Part> goal_of(const std::string& text) {
   return parts;
 }
 
-// By against_at_least() at the level that the start has.
+// From against_at_least() with the alpha of the start.
 double messages_to_prove(const Limit& limit, double of_run) {
   constexpr double enough = 6;
   return enough / std::max(limit.share, 1 / of_run);
@@ -78,14 +76,14 @@ Tally tally_of(const Part& part, const statistics::Summary& run) {
   const bool is_late = part.gate.figure == Figure::late && part.gate.times == statistics::Times::round_trip;
   // At most: a goal must not be proven by what is not known.
   const auto of = is_late ? run.missed_probability : gate::probability_beyond(part.gate, run).at_most;
-  // What was not answered has no time, and was not within any.
+  // An unanswered message has no time, so it breaks the limit.
   std::uint64_t unanswered = 0;
   if (!statistics::metric_of(part.gate.figure).is_share) {
     const auto all =
         part.gate.times == statistics::Times::response ? run.sent + run.skipped_cycles : run.sent;
     unanswered = all - std::min(all, of.messages);
   }
-  // Answers that stay away come in a row more often than slow ones do.
+  // Lost answers come in bursts more often than slow ones.
   const double effect = unanswered > 0 ? std::max(of.effect, run.lost_probability.effect) : of.effect;
   return {static_cast<double>(of.events + unanswered), static_cast<double>(of.messages + unanswered),
           std::max(effect, 1.0)};

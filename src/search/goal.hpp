@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A goal such as "p99.9 < 1 ms and late = 0", and what of a run breaks it.
+// A goal such as "p99.9 < 1 ms and late = 0", and the messages of a run that break it.
 //
 //   goal  = limit { "and" limit }
 //   limit = [ "response" ] metric ( "<" | "<=" | "=" ) value     as gates have them: gate/gate.hpp
@@ -23,7 +23,7 @@ struct Part {
 };
 std::vector<Part> goal_of(const std::string& text);  // throws gate::Error, for people
 
-// About so many, in runs of `of_run` messages, if none breaks the limit.
+// Approximate number, in runs of `of_run` messages, if no message breaks the limit.
 double messages_to_prove(const Limit&, double of_run);
 
 Tally tally_of(const Part&, const statistics::Summary&);

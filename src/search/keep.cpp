@@ -8,9 +8,9 @@
 namespace ontime::search {
 namespace {
 
-constexpr const char* to_fill_in = "INTERFACE";  // by who reads the printed unit
+constexpr const char* to_fill_in = "INTERFACE";  // the user replaces it in the printed unit
 
-// The run's own, or what the set has instead. As `ontime tune` takes them: sizes in bytes.
+// The run's own values, overridden by the set. Sizes in bytes, as `ontime tune` takes them.
 settings::Wishes wishes_of(conditions::Run run, const Set& set) {
   for (const auto& key : conditions::keys())
     if (const auto found = set.find(key.path); key.path.starts_with("kernel.") && found != set.end())
@@ -61,7 +61,7 @@ Kept keep(const conditions::Run& run, const Set& set, const Links& links, const 
     kept.units.push_back(unit_of(host, link, wishes, program));
     if (link.interface == to_fill_in)
       kept.fill_in = fmt::format(
-          "Replace {} by the robot's network interface, the one of these messages (`ip link` lists them).",
+          "Replace {} with the robot's network interface for these messages (`ip link` lists them).",
           to_fill_in);
   }
   return kept;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the settings that a search found are kept: text to paste. Ordinary thread; changes nothing.
+// Text to paste that keeps the settings found. Ordinary thread; changes nothing.
 #pragma once
 
 #include <map>
@@ -12,18 +12,18 @@
 
 namespace ontime::search {
 
-// What sets the kernel's settings at every boot.
+// A systemd unit that applies kernel settings at every boot.
 struct Unit {
-  std::string host;     // whose machine: "controller"; "": each
+  std::string host;     // machine: "controller"; "": each
   std::string command;  // that prints it
   std::string text;     // a unit of systemd
   std::string why_not;  // why there is no text, for people
 };
 struct Kept {
-  std::string run;          // its id: `scenario` belongs into it, as defaults do not change what it states
-  std::string scenario;     // keys of that run, in YAML; "": nothing is to be kept
+  std::string run;       // its id: `scenario` belongs into this run, because its own keys override defaults
+  std::string scenario;  // keys of that run, in YAML; "": nothing is to be kept
   std::vector<Unit> units;  // empty: no setting is the kernel's
-  std::string fill_in;      // what is to be put into the units, for people; "": nothing
+  std::string fill_in;      // what the user must replace in the units; "": nothing
 };
 // The units also set what the run itself asks of the kernel: the goal was proven with it, and napi-threads
 // cannot be set without its threaded-napi. `program`: what the units start. `links`: of each host, where its

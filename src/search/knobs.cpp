@@ -57,7 +57,7 @@ std::vector<Knob> all_knobs(const Bounds& bounds) {
   return knobs;
 }
 
-// As the run has it by itself; "": it does not say.
+// The value in the run itself; "": not set.
 std::string stated(const conditions::Run& run, const std::string& key) {
   const auto& realtime = run.task.realtime;
   if (key == "realtime") return realtime.on ? "on" : "";
@@ -70,19 +70,19 @@ std::string stated(const conditions::Run& run, const std::string& key) {
 }
 
 std::string why_not(const std::string& key, const conditions::Run& run, const Bounds& bounds) {
-  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "never: as asked";
+  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "excluded by --never";
   if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
-    return "messages of this transport do not pass the kernel's network";
+    return "this transport bypasses the kernel's network stack";
   if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
     return fmt::format("no priority is below {}", bounds.below_priority);
   if (is_of_cpus(key) && bounds.cpus.empty()) return "there is only one CPU";
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
-    return "the scenario does not state kernel.threaded-napi: on, with which NAPI has threads";
+    return "NAPI has threads only with kernel.threaded-napi: on in the scenario";
   return "";
 }
 
-// Takes out the values that change nothing or cannot be set here. Returns why none is left, for people; "":
-// it may be tried.
+// Removes values that change nothing or cannot be set here. Returns why none is left, for people; "": the
+// knob can be tried.
 std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& bounds) {
   if (auto why = why_not(knob.key, run, bounds); !why.empty()) return why;
   const auto present = stated(run, knob.key);
@@ -91,7 +91,7 @@ std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& b
     return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
   };
   if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty())
-    return fmt::format("it is {} already", present);
+    return fmt::format("already {}", present);
   std::string last;
   std::erase_if(knob.values, [&](const std::string& value) {
     const auto why = bounds.cannot({knob.key, value});
@@ -101,7 +101,7 @@ std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& b
   return knob.values.empty() ? last : "";
 }
 
-// The values by which a rule of a remedy is kept to.
+// The values that satisfy a remedy's rule, such as "above the priority of X".
 std::vector<Setting> resolved(const Setting& setting, const explain::Part& part, const Bounds& bounds) {
   std::vector<Setting> all;
   if (is_of_cpus(setting.key)) {
@@ -113,7 +113,7 @@ std::vector<Setting> resolved(const Setting& setting, const explain::Part& part,
     const int most = is_of_kernel(setting.key) ? bounds.below_priority - 1 : highest_priority;
     if (above <= most) all.push_back({setting.key, std::to_string(std::max(above, least))});
   } else if (setting.key == "kernel.rmem-max") {
-    // What a socket may ask for, and what one that does not ask has.
+    // The largest buffer that a socket may request, and the default.
     all = {{"kernel.rmem-max", large_buffer}, {"kernel.rmem-default", large_buffer}};
   } else {
     all.push_back(setting);
@@ -146,15 +146,14 @@ std::vector<std::string> contradictions(const conditions::Run& run) {
   for (const auto* name : {"rmem-max", "rmem-default"})
     if (const auto found = run.kernel.find(name); found != run.kernel.end())
       if (const auto payload = run.task.client.payload_bytes; std::stoull(found->second) < payload)
-        all.push_back(
-            fmt::format("kernel.{} of {} bytes holds no message of {}: make it larger than a message", name,
-                        found->second, payload));
+        all.push_back(fmt::format("kernel.{} ({} bytes) is smaller than a message ({} bytes): increase it",
+                                  name, found->second, payload));
   const auto& qos = run.task.config.qos;
   if (run.faults.loss > 0 && qos.reliability == transport::Reliability::reliable &&
       qos.history == transport::History::keep_last && qos.depth == 1)
     all.emplace_back(
-        "qos.reliability: reliable with qos.depth: 1 on a link that loses packets: the next message "
-        "replaces a lost one before it is sent again; raise qos.depth");
+        "qos.reliability: reliable with qos.depth: 1 on a lossy link: the next message replaces a lost one "
+        "before it is resent. Increase qos.depth");
   return all;
 }
 

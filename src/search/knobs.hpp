@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What may be set for a run, in the words of scenarios, and what the causes of its late messages propose. No
-// machine is looked at.
+// Settings that a search may try for a run, as scenario keys, and the remedies of its causes. Reads no
+// machine.
 #pragma once
 
 #include <functional>
@@ -15,11 +15,11 @@
 
 namespace ontime::search {
 
-// What the user, or this machine, permits.
+// Limits set by the user or this machine.
 struct Bounds {
   std::set<std::string> never;  // keys, or their last words: "irq-threads"
-  int below_priority = 80;      // of the kernel's threads, which would else keep the application from its CPU
-  std::vector<int> cpus;        // on which anything may be put; empty: each machine has one CPU
+  int below_priority = 80;      // of kernel threads, so that they do not preempt the application
+  std::vector<int> cpus;        // that threads and interrupts may use; empty: each machine has one CPU
   // Why a machine of the run cannot have this setting, for people; "": it can, or that is not known.
   std::function<std::string(const Setting&)> cannot = [](const Setting&) { return std::string(); };
 };
@@ -36,11 +36,11 @@ struct Knobs {
 };
 Knobs knobs_of(const conditions::Run&, const Bounds&);
 
-// What in the run itself contradicts its goal, for people.
+// Settings of the run that contradict its goal, for people.
 std::vector<std::string> contradictions(const conditions::Run&);
 
-// Of those messages that were looked at, what made them late, lost or slower than `slow_ns` (0: none is too
-// slow). A rule, such as "above the priority of X", becomes the values that keep to it and to the bounds.
+// Causes of analyzed messages that are late, lost or slower than `slow_ns` (0: no such limit). A rule, such
+// as "above the priority of X", becomes values that satisfy it within the bounds.
 std::vector<Finding> findings_of(const explain::Account&, const record::Run&, std::int64_t slow_ns,
                                  const Bounds&);
 

@@ -7,8 +7,8 @@
 namespace ontime::search {
 namespace {
 
-constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
-// By so much, squared and relative, runs are taken to differ before many are there.
+constexpr double no_less_than = 0.7;  // of the reference's share: a set above it is given up
+// Relative variance between runs that is assumed before there are many.
 constexpr double prior_variation = 0.05, prior_freedoms = 2;
 
 Count sum(const Runs& runs, std::size_t limit) {
@@ -114,7 +114,7 @@ Count Measured::at_permitted(const Runs& runs, std::size_t limit) const {
   return effective(sum(runs, limit), limit, permitted(limit) * per_run_);
 }
 
-// By their design effect where so many messages of a run break the limit.
+// Divided by the design effect if `of_a_run` messages of each run break the limit.
 Count Measured::effective(const Count& count, std::size_t limit, double of_a_run) const {
   const auto [within, between] = spread(limit);
   const auto effect = within + between * of_a_run;

@@ -30,7 +30,7 @@ class Measured {
   std::vector<Share> shares(const Runs&, double alpha) const;
   std::vector<Proof> proofs(const Runs&, double alpha) const;  // of runs by which the goal holds
 
-  // By what was seen, not by what is proven.
+  // By measured shares, without proof.
   bool kept_to(const Runs&) const;  // no more messages broke a limit than the goal permits
   bool looks_no_less(const Runs& one, const Runs& other) const;
 
@@ -43,8 +43,8 @@ class Measured {
   Count at_permitted(const Runs&, std::size_t limit) const;
   Count effective(const Count&, std::size_t limit, double of_a_run) const;
 
-  // How the messages that break a limit vary: within runs, so many times as much as independent ones; and,
-  // from run to run of one set, the share itself, squared and relative: by what was seen of all sets.
+  // Variation of the messages that break a limit: within runs, as a multiple of independent messages; between
+  // runs of one set, the relative variance of the share. Estimated from all sets.
   struct Spread {
     double within = 1, between = 0;
   };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The search for the smallest set of settings by which a goal holds. It knows no machine: it says which set
-// is to be measured next, and is told what came of it.
+// The search for the smallest set of settings by which a goal holds. It knows no machine: it requests runs of
+// a set and gets their results.
 //
 //   measure → what made messages late → propose → try beside the present set → keep what is proven
 //   → once the goal holds, leave out members until each is needed → measure the set and the start afresh.
@@ -12,10 +12,10 @@
 // has more: `improves` and `harms` have alpha each; `holds` before the confirmation has 0.2, and so has an
 // improvement that shows in all runs of a trial without being proven.
 //
-// A set that cannot be set here is not tried again. Where one setting alone is refused, the others are tried
-// without it. A run that failed for a reason that may pass is made again: after three the set is refused.
+// A refused set is not tried again. If one setting is refused, the others are tried without it. A run whose
+// failure may pass is retried: after three failures the set is refused.
 //
-// The same answers lead to the same search: with the kept answers it can go on.
+// The same answers lead to the same search, so a search resumes from stored answers.
 #pragma once
 
 #include <cstdint>
@@ -33,8 +33,8 @@ namespace ontime::search {
 using explain::Setting;
 using Set = std::map<std::string, std::string>;  // a key of a scenario → its value
 
-// What of the messages may break a limit of the goal, such as 0.001 of them for p99.9. 0: none may; then
-// fewer than one burst of them in a run has to be proven, and none may have been seen in the last runs.
+// The share of messages that may break a limit of the goal, such as 0.001 for p99.9. With 0 the proof is
+// fewer than one burst per run, and the last runs must have no such message.
 struct Limit {
   std::string text;
   double share = 0;
@@ -52,20 +52,20 @@ struct Problem {
   std::uint64_t seed = 1;  // of the order of runs
 };
 
-// Messages of a run that break one limit. `effect`: so many of them tell as much as an independent one.
+// Messages of a run that break one limit. `effect`: the design effect.
 struct Tally {
   double events = 0, messages = 0, effect = 1;
 };
 
-// What made messages late, and what may remove it: alternatives, the best first.
+// A cause of late messages and its alternative remedies, the best first.
 struct Finding {
   std::string cause;
-  double messages = 0;  // of those that were looked at: some of each run, the worst
+  double messages = 0;  // of the analyzed messages: the worst of each run
   std::vector<Setting> remedies;
 };
-std::string text_of(const Finding&);  // "31 of the messages looked at: napi/eth1-1 waited for a CPU"
+std::string text_of(const Finding&);  // "31 of the analyzed messages: napi/eth1-1 waited for a CPU"
 
-// What came of a run.
+// The result of a run.
 struct Answer {
   std::vector<Tally> tallies;  // one for each limit of the goal
   std::vector<Finding> findings;
@@ -75,15 +75,15 @@ struct Answer {
   bool is_recalled = false;       // from the runs of an earlier process
 };
 
-// What is to be measured next. Runs of one trial alternate between its set and what that is compared with.
+// The next run. Runs of one trial alternate between its set and the reference.
 struct Order {
   int trial = 0, number = 0;  // from 1; `number` counts all runs
   Set set;
 };
-// Nothing: there is no time for it.
+// Nothing: no time is left.
 using Measure = std::function<std::optional<Answer>(const Order&)>;
 
-// Of messages that broke a limit, and between what the true share lies.
+// Messages that broke a limit, and the confidence interval of their share.
 struct Share {
   Range range{};
   double events = 0, messages = 0;
@@ -101,28 +101,28 @@ const char* word_of(Decision);
 
 struct Trial {
   enum class Purpose { measure, add, remove, confirm } purpose = Purpose::measure;
-  Set set{}, reference{};  // what was tried, and beside what; `measure` has it alone
-  int runs = 0;            // of both
+  Set set{}, reference{};  // the tried set and its reference; `measure` has no reference
+  int runs = 0;            // of both sets
   Decision decision = Decision::no_effect;
-  std::string why{};                                // the cause that it is to remove, or why it was refused
+  std::string why{};                                // the cause to remove, or why the set was refused
   std::vector<Share> shares{}, reference_shares{};  // of each limit; empty: no run was measured
 };
 const char* word_of(Trial::Purpose);
 
-// What a member does: the shares without it minus those with it.
+// The effect of a member: the shares without it minus those with it.
 struct Contribution {
   Setting member;
   std::vector<Range> less;  // of each limit
   bool is_needed = false;   // proven: without it the goal fails
 };
 
-// What is proven of a limit: a smaller share of messages than `below` breaks it; one-sided, by its part of
-// alpha. The goal permits `permitted`.
+// The proof of a limit: a share of messages below `below` breaks it (one-sided). The goal permits
+// `permitted`.
 struct Proof {
   double below = 1, permitted = 0;
 };
 
-// not_proven: what was measured is too little to tell whether the goal holds. nothing_left: it fails.
+// not_proven: too few messages to tell whether the goal holds. nothing_left: it fails.
 enum class End { goal_holds, not_proven, nothing_left, no_time, cannot_measure };
 const char* word_of(End);
 

@@ -43,7 +43,7 @@ std::string nearest(const std::string& word, const std::vector<std::string>& wor
 
 std::string suggestion(const std::string& word, const std::vector<std::string>& words) {
   const auto found = nearest(word, words);
-  return found.empty() ? "" : "; did you mean '" + found + "'?";
+  return found.empty() ? "" : " (did you mean '" + found + "'?)";
 }
 
 }  // namespace ontime::spelling

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a mistyped word may have meant: a command, an option, a key, a transport.
+// Suggestions for a mistyped word: a command, an option, a key, a transport.
 #pragma once
 
 #include <string>
@@ -7,11 +7,11 @@
 
 namespace ontime::spelling {
 
-// The one of `words` that needs the fewest changes (a letter added, left out, replaced, or swapped with its
-// neighbour), at most one for every three letters; or one that begins with `word`. "": none.
+// The word that needs the fewest changes (a letter added, left out, replaced, or swapped with the next), at
+// most one for every three letters; or one that begins with `word`. "": none.
 std::string nearest(const std::string& word, const std::vector<std::string>& words);
 
-// "; did you mean 'udp'?", or "".
+// " (did you mean 'udp'?)", or "".
 std::string suggestion(const std::string& word, const std::vector<std::string>& words);
 
 }  // namespace ontime::spelling

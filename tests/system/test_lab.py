@@ -165,8 +165,8 @@ class Refused(Lab):
             self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
 
     def test_a_cable_that_is_none(self):
-        for text, cable, words in ((SCENARIO % "udp", "eth1", "it has two ends"), (SCENARIO % "udp", "eth1,eth1", "it has two ends"),
-                                   ("hosts: loopback\ndefaults: {transport: udp}\nruns: [{id: a}]", "eth1,eth2", "joins the two namespaces")):
+        for text, cable, words in ((SCENARIO % "udp", "eth1", "two interfaces"), (SCENARIO % "udp", "eth1,eth1", "two interfaces"),
+                                   ("hosts: loopback\ndefaults: {transport: udp}\nruns: [{id: a}]", "eth1,eth2", "--cable needs hosts: namespaces")):
             answer = subprocess.run([ONTIME, "run", self.scenario(text), "--cable", cable, "--results", self.results()],
                                     capture_output=True, text=True, timeout=60)
             self.assertEqual(answer.returncode, 2, answer.stderr)
@@ -218,10 +218,10 @@ class SearchRefused(Lab):
                 ("needs hosts: namespaces", on, {"text": (SCENARIO % "udp").replace("namespaces", "loopback")}),
                 ("has 3 runs", on, {"text": THREE}),
                 ("--nic: 'e1000' is not one of", (*on, "--nic", "e1000"), {}),
-                ("--nic is of the lab's machine: add --on lab", ("--nic", "virtio"), {}),
-                ("--cable is of this machine", (*on, "--cable", "eth1,eth2"), {}),
-                ("there is no CPU 3 here; there are: 0", (*on, "--keep-cpus-off", "3"), {}),
-                ("leaves no CPU; there are: 0-1", (*on, "--cpus", "2", "--keep-cpus-off", "0,1"), {}),
+                ("--nic applies to the lab's machine: add --on lab", ("--nic", "virtio"), {}),
+                ("--cable does not apply", (*on, "--cable", "eth1,eth2"), {}),
+                ("no CPU 3 here. CPUs here: 0", (*on, "--keep-cpus-off", "3"), {}),
+                ("leaves no CPU. CPUs here: 0-1", (*on, "--cpus", "2", "--keep-cpus-off", "0,1"), {}),
                 ("did you mean 'irq-threads'", (*on, "--never", "irq-thread"), {}),
                 ("too short for one run", (*on, "--within", "100 ms"), {})):
             with self.subTest(words):

@@ -130,7 +130,7 @@ class Search(unittest.TestCase):
                               text=True) as search:
             self.await_text(search, "trial 2")
             with another_ontime():
-                self.await_text(search, "made again")
+                self.await_text(search, "retry in")
             self.await_text(search, "trial 3")
             search.send_signal(signal.SIGINT)
             found = json.loads(search.communicate(timeout=120)[0])
@@ -178,7 +178,7 @@ class Search(unittest.TestCase):
         self.assertIn("did you mean 'irq-threads'", self.search("--never", "irq-thread", code=2))
         self.search("--never", "duration", code=2)
         for cpus in ("999", "one", f"0-{os.cpu_count() - 1}"):
-            self.assertIn("there are: 0", self.search("--keep-cpus-off", cpus, code=2))
+            self.assertIn("CPUs here: 0", self.search("--keep-cpus-off", cpus, code=2))
         self.search(only="one,two", code=2)
         self.assertFalse((self.folder / "s.ontime").exists())
 

@@ -327,7 +327,7 @@ class Ssh(unittest.TestCase):
         path.write_text(path.read_text().replace("ssh: robot, ", ""))
         answer = self.run_ontime(path, "--deploy")
         self.assertEqual(answer.returncode, 2, answer.stderr)
-        self.assertIn("--deploy brings ontime to hosts that are reached by ssh", answer.stderr)
+        self.assertIn("--deploy copies ontime to ssh hosts", answer.stderr)
 
     # --- what can be wrong ---
 
