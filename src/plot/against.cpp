@@ -152,8 +152,7 @@ std::string plot_against(const Group& group, const Plot& plot) {
   entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
   entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
   if (any_repeated) entries.push_back({"bars: lowest to highest repetition"});
-  if (any_missed)
-    entries.push_back({"late, lost, or less load than asked for", "", "pointtype 2 pointsize 0.5"});
+  if (any_missed) entries.push_back({"late, lost, or load shortfall", "", "pointtype 2 pointsize 0.5"});
 
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);

@@ -24,7 +24,7 @@ std::string render(const std::vector<statistics::Summary>&, Format, const Origin
 std::string render_answer(const std::vector<statistics::Summary>&, Format, const Origin&, std::size_t width);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
-// What each layer costs a message, of runs that say what they add to: a waterfall.
+// What each layer costs a message, for runs that name a baseline: a waterfall.
 std::string render_layers(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
 
 // What an end requested of its machine and was denied, for people; alike ones together.

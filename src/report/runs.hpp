@@ -47,7 +47,7 @@ std::string refusal_of(const statistics::Extremes&);  // why there is no bound; 
 table::Table stages_table(const std::vector<std::string>& labels, const Group&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
-// How far a search could turn up a key; without rows where there was none.
+// The greatest value of a key without a miss; no rows without a search.
 table::Table searches_table(const Group&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
@@ -83,7 +83,7 @@ std::vector<std::string> remark_lines(const std::vector<std::string>& names, con
 // Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 
-// Runs of an id that were imported: what is known of them, and what is not.
+// The imported runs of an id.
 table::Table imported_table_of(const Group&);
 // "≥3.0" where it lies beyond the imported histogram; else as percentile().
 std::string imported_percentile(const statistics::Summary&, statistics::Figure);
@@ -97,16 +97,16 @@ struct Verdict {
 Verdict verdict_of(const Summaries&);
 std::string grouped(std::uint64_t count);  // "4,320,000"
 
-// What was set, and what was so.
+// What was requested and what was found.
 table::Table differences_of(const Summaries&);  // what is not the same in all runs
-table::Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
+table::Table loads_of(const Summaries&);        // requested and achieved, and what the link carried
 table::Table machines_of(const Summaries&);
 
 nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);
 table::Page threads_page_of(const Summaries&);
 
-// What each layer costs, of runs that say what they add to.
+// What each layer costs; for runs that name a baseline.
 nlohmann::ordered_json layers_json_of(const Summaries&);
 std::string layers_csv_of(const Summaries&);
 table::Page layers_page_of(const Summaries&);
