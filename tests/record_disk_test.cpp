@@ -138,7 +138,7 @@ TEST_F(RecordTest, LogIsBegunAnewAgainAndAgain) {
 }
 
 // An error of the disk is known only after what caused it.
-TEST_F(RecordTest, WhatFailsIsSaidByWhatComesNext) {
+TEST_F(RecordTest, FailedWriteIsReportedByTheNextCall) {
   if (!mount_disk("size=2m")) GTEST_SKIP() << "mounting a tmpfs needs root";
   std::string error;
   {
@@ -181,7 +181,7 @@ TEST_F(RecordTest, MigrationThatIsCutOffAnywhereCostsNothing) {
       expect_same(samples_of(reader, 4), expected);
     };
     const auto error = error_of([&] { as_it_was_or_will_be(Reader(path_)); });
-    EXPECT_THAT(error, ::testing::AnyOf("", HasSubstr("was cut off while it changed the file"))) << step;
+    EXPECT_THAT(error, ::testing::AnyOf("", HasSubstr("rolled back"))) << step;
     const auto version = query(path_, "PRAGMA user_version");
     EXPECT_EQ(query(path_, "SELECT count(*) FROM pragma_table_info('sample') WHERE name = 'passed_wake_ns'"),
               version == "3" ? "1" : "0");
@@ -213,7 +213,7 @@ TEST_F(RecordTest, OneWriterAtATime) {
   EXPECT_EQ(Writer(path_).begin_run({}), 2);
 }
 
-TEST_F(RecordTest, WhatTookThePlaceOfItsFileIsLeftAlone) {
+TEST_F(RecordTest, ReplacementOfTheFileIsLeftAlone) {
   const auto other = (folder_ / "other").string();
   write_bytes(other, "another's");
   {

@@ -175,10 +175,10 @@ TEST(Answer, NothingLateSaysHowLongToMeasure) {
                      Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
 }
 
-TEST(Answer, WithoutADeadlineNothingIsSaidToBeInTime) {
+TEST(Answer, MissingDeadlineIsNamed) {
   auto one = run(1, "a", "udp", {});
   one.run.asked.task.client.deadline = {};
-  EXPECT_EQ(answer_of({one}, kept).sentence, "All 2,000 cycles had an answer (no deadline was stated).");
+  EXPECT_EQ(answer_of({one}, kept).sentence, "All 2,000 cycles had an answer (no deadline set).");
 }
 
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
@@ -289,13 +289,13 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
   }
   amend(runs[4].run.outcome, "/hosts/controller/load_running", false);
   const auto answer = answer_of(runs, kept);
-  EXPECT_THAT(answer.cautions.front(), HasSubstr("Test1.B cyclonedds: the load on the controller had died"));
-  EXPECT_THAT(answer.cautions,
-              Contains("the hypervisor took 1 % to 6.5 % of the time of the machine's CPUs"));
+  EXPECT_THAT(answer.cautions.front(),
+              AllOf(HasSubstr("Test1.B cyclonedds: "), HasSubstr("load on the controller")));
+  EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("machine's CPU time"))));
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
 }
 
-TEST(Answer, WhatAFileSaysIsNoCommandOfItsOwn) {
+TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {
   auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
   amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");
   amend(one.run.asked, "/command_line", json::array());
@@ -308,7 +308,7 @@ TEST(Answer, WhatAFileSaysIsNoCommandOfItsOwn) {
   EXPECT_THAT(commands, ElementsAre("ontime report r --full"));
 }
 
-TEST(Answer, OfNoRunsItSaysSo) {
+TEST(Answer, NoRunsGiveASentenceAlone) {
   const auto answer = answer_of({}, kept);
   EXPECT_THAT(answer.rows, IsEmpty());
   EXPECT_EQ(text_of(answer, 80), "There are no runs.\n");

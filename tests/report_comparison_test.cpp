@@ -87,11 +87,11 @@ TEST(Compare, SaysBetterWorseOrCannotTell) {
   EXPECT_EQ(verdict(1, 1.05), "cannot tell");
 }
 
-TEST(Compare, OfSingleRunsNeitherIsBetter) {
+TEST(Compare, SingleRunsGetNoVerdict) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_EQ(row_of(text, "p99 ").back(), "higher");
-  EXPECT_THAT(text, HasSubstr("repeat the runs"));
+  EXPECT_THAT(text, HasSubstr("repeat: 5"));
   const auto pair = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
   EXPECT_EQ(pair.at("repeated"), false);
   EXPECT_EQ(figure_of(pair, "round_trip_us.p99").at("verdict"), "cannot tell");
@@ -100,12 +100,12 @@ TEST(Compare, OfSingleRunsNeitherIsBetter) {
 TEST(Compare, SaysThatAnOlderOntimeMeasured) {
   std::vector a{run("x", "k", 1)};
   const std::vector b{run("x", "k", 1)};
-  EXPECT_THAT(render(compare(a, b), {}, Format::table), Not(HasSubstr("computed anew")));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), Not(HasSubstr("recomputed")));
   amend(a[0].run.asked, "/ontime", "0.1.0");
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("A was measured by ontime 0.1.0"));
 }
 
-TEST(Compare, ByAKeyPairsWhatIsElseAlike) {
+TEST(Compare, KeyPairsRunsThatAreOtherwiseEqual) {
   std::vector<Summary> runs;
   for (const auto* transport : {"udp", "fastdds"})
     for (const auto* value : {"on", "off"})
@@ -144,7 +144,7 @@ conditions::Run said(std::initializer_list<std::pair<std::string, std::string>> 
   return one;
 }
 
-TEST(Compare, ByAKeyTakesAlongWhatFollowsFromIt) {
+TEST(Compare, KeyIgnoresSettingsThatFollowFromIt) {
   auto multi = said({{"transport", "ros2"}}), single = multi;
   multi.task.config.options["executor"] = "multi";
   single.task.config.options["executor"] = "single";
@@ -171,7 +171,7 @@ TEST(Compare, ByAKeyTakesAlongWhatFollowsFromIt) {
   }
 }
 
-TEST(Compare, ByAKeyLeavesOutRunsThatDifferInMore) {
+TEST(Compare, KeyLeavesOutRunsThatDifferInMore) {
   const auto runs = recorded({{}, said({{"realtime", "on"}}), said({{"realtime.priority", "90"}})});
   const auto comparison = compare_by(runs, "realtime", "false", "true");
   ASSERT_EQ(comparison.pairs.size(), 1U);
@@ -179,7 +179,7 @@ TEST(Compare, ByAKeyLeavesOutRunsThatDifferInMore) {
   EXPECT_EQ(comparison.only_to.size(), 1U);
 }
 
-TEST(Compare, ByAKeyKeepsTheRestOfItsGroupApart) {
+TEST(Compare, KeyComparesTheOtherKeysOfItsGroup) {
   std::vector<conditions::Run> all;
   for (const auto* rate : {"1 Mbit/s", "2 Mbit/s"})
     for (const auto* size : {"1470 B", "100 B"})
@@ -208,13 +208,13 @@ TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {
   EXPECT_EQ(row_by_name(render(comparison, {}, Format::csv), 3).at("verdict"), "cannot tell");
 }
 
-TEST(Compare, WhatFewMessagesCannotBoundIsNotShownAsKnown) {
+TEST(Compare, TooWideIntervalIsNotShown) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};  // which have an interval of p99 alone
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, ::testing::ContainsRegex("p99.99 .* too few messages\n"));
 }
 
-TEST(Compare, OfTwoShortRunsNothingIsTold) {
+TEST(Compare, TwoShortRunsGetNoVerdict) {
   std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
   const auto shown = [&] { return render(compare(a, b), {}, Format::table); };
   const auto lost = [](Summary& one, double most) {
@@ -252,11 +252,11 @@ TEST(Compare, ShowsWhatElseDiffers) {
   };
   EXPECT_EQ(found, (json{difference("component transport version", "0.1.0", "0.2.0"),
                          difference("controller kernel", "6.1", "6.6?[31m")}));
-  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("not the same (A → B)"));
-  EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("not the same")));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("also different (A → B)"));
+  EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("also different")));
 }
 
-TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
+TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};
   amend(b[0].run.asked, {{"traffic", {{"bit_s", 80'000'000}}},
@@ -280,7 +280,7 @@ TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
                                      "link loss: -, 0.1", "link_unproved: -, it is not proved",
                                      "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
   EXPECT_THAT(render(compare(a, b), {}, Format::table),
-              HasSubstr("x udp ×3 (run 7) of B: the load on the controller had died by the end"));
+              AllOf(HasSubstr("x udp ×3 (run 7) of B: "), HasSubstr("load on the controller")));
 }
 
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
@@ -288,7 +288,7 @@ TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
   amend(b[1].run.outcome, "/dropped_records", 4000);
   const auto text = render(compare(a, b), {}, Format::table);
-  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4000 of its samples were not recorded"));
+  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4000 "));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
   const auto to = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
   EXPECT_EQ(to.at("runs").size(), 1u);
@@ -337,7 +337,7 @@ TEST(Compare, ARunThatAnsweredNothingIsNamed) {
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
   b[1].round_trip = {};
   const auto text = render(compare(a, b), {}, Format::table);
-  EXPECT_THAT(text, HasSubstr("left out of all but late and lost: x udp (run 7) of B, nothing was answered"));
+  EXPECT_THAT(text, HasSubstr("left out except for late and lost: x udp (run 7) of B"));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
 }
 
@@ -386,7 +386,7 @@ TEST(CompareChosen, RunsBesideTheSameOfOthers) {
   EXPECT_THAT(gate::name_of(comparison.pairs[0].from), HasSubstr("beside arm.period 1 ms"));
 }
 
-TEST(Compare, OfNothingSaysSo) {
+TEST(Compare, NoRunsAreRenderedInEveryFormat) {
   const std::vector<Summary> none;
   for (const auto format : all_formats) EXPECT_NO_THROW(render(compare(none, none), {}, format));
   EXPECT_THAT(render(compare(none, none), {}, Format::table), HasSubstr("No run of A"));
@@ -435,11 +435,11 @@ TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
       << text;
   EXPECT_THAT(text, ::testing::ContainsRegex("udp +1\\.5 % → 0\\.05 % \\*"));
   EXPECT_THAT(text, ::testing::ContainsRegex("cyclonedds +0  "));
-  EXPECT_THAT(text, HasSubstr("Caution: one run on a side"));
+  EXPECT_THAT(text, AllOf(HasSubstr("Caution: one run per side"), HasSubstr("repeat: 5")));
   EXPECT_THAT(text, HasSubstr("All metrics:  ontime compare a b --full"));
 }
 
-TEST(CompareAnswer, OfWhatChanceExplainsNothingIsProven) {
+TEST(CompareAnswer, ChangeWithinChanceIsNotProven) {
   const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 101)};
   EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference in "));
 }
@@ -451,7 +451,7 @@ TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
   const auto text = answer_of(compare(a, b));
   EXPECT_THAT(text, HasSubstr("left out"));
   EXPECT_THAT(text, Not(HasSubstr("Also different")));
-  EXPECT_TRUE(text.starts_with("Nothing can be compared"));
+  EXPECT_TRUE(text.starts_with("Nothing to compare"));
 }
 
 TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {

@@ -28,19 +28,19 @@ std::vector<Summary> two_layers(int repetitions) {
   return runs;
 }
 
-TEST(LayersPage, SaysHowSureItIs) {
+TEST(LayersPage, ShowsConfidenceIntervals) {
   auto text = render_layers(two_layers(9), Format::table);
-  EXPECT_THAT(text, AllOf(HasSubstr("+10.0 [10.0, 10.0]"), HasSubstr("96.1 % confidence, of 9 repetitions"),
+  EXPECT_THAT(text, AllOf(HasSubstr("+10.0 [10.0, 10.0]"), HasSubstr("96.1 %"), HasSubstr("9 repetitions"),
                           Not(HasSubstr("[10.0, 10.0] 9"))));
-  EXPECT_THAT(text, HasSubstr("not be the difference of the medians"));
+  EXPECT_THAT(text, HasSubstr("median of the differences"));
   EXPECT_THAT(render_layers(two_layers(1), Format::table),
-              AllOf(HasSubstr("+10.0 "), HasSubstr("no intervals"), Not(HasSubstr("["))));
+              AllOf(HasSubstr("+10.0 "), HasSubstr("intervals: no run was repeated"), Not(HasSubstr("["))));
   auto runs = two_layers(9);
   for (int repetition = 1; repetition <= 5; ++repetition)
     runs.push_back(layer("ros2", "dds", repetition, 50'000 + repetition * 1000));
   text = render_layers(runs, Format::table);
   EXPECT_THAT(text, AllOf(HasSubstr("+10.0 [10.0, 10.0] 96.1 %"), HasSubstr("+20.0 [20.0, 20.0] 93.8 %"),
-                          HasSubstr("behind it with what confidence")));
+                          HasSubstr("C %: C %")));
 }
 
 TEST(LayersPage, NamesWhatTellsLayersOfOneIdApart) {
@@ -69,7 +69,7 @@ TEST(LayersPage, SaysOnceWhatIsMissing) {
   const auto text = render_layers(runs, Format::table);
   EXPECT_THAT(text, HasSubstr("Not measured: ros2-a, ros2-b: there is no transport 'ros2' here"));
   EXPECT_EQ(text.find("ros2-a"), text.rfind("ros2-a"));
-  EXPECT_THAT(render_layers({}, Format::table), HasSubstr("No run says what it adds to"));
+  EXPECT_THAT(render_layers({}, Format::table), HasSubstr("baseline"));
   EXPECT_THAT(render_layers({runs.back()}, Format::table),
               AllOf(HasSubstr("Not measured: ros2-b"), HasSubstr("Not measured: dds")));
 }
@@ -80,8 +80,8 @@ TEST(LayersPage, SaysWhyNoInstructionsWereCounted) {
     for (auto& run : runs) amend(run.run.asked, "/count_instructions", asked);
     return render_layers(runs, Format::markdown);
   };
-  EXPECT_THAT(page(true), AllOf(HasSubstr("must have the counter"), Not(HasSubstr("must say"))));
-  EXPECT_THAT(page(nullptr), AllOf(HasSubstr("must have the counter"), HasSubstr("must say")));
+  EXPECT_THAT(page(true), AllOf(HasSubstr("CPU counter"), Not(HasSubstr("count-instructions"))));
+  EXPECT_THAT(page(nullptr), AllOf(HasSubstr("CPU counter"), HasSubstr("count-instructions")));
   EXPECT_THAT(page(true), Not(HasSubstr("Instructions |"))) << "a column of nothing";
 }
 

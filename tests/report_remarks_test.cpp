@@ -31,10 +31,10 @@ TEST(TableFormat, NotesWhatWentWrong) {
   one.skipped_cycles = 6;
   auto text = render({one}, Format::markdown);
   for (const auto* part :
-       {"udp: interrupted", "load on the controller had died", "skipped cycles: 6", "duplicates: 2",
-        "stray answers: 1;", "answers out of order: 3", "refused by the transport: 4", "missing above: 5"})
+       {"udp: interrupted", "load on the controller", "skipped cycles: 6", "duplicates: 2",
+        "stray answers: 1;", "answers out of order: 3", "refused by the transport: 4", "(missing above): 5"})
     EXPECT_THAT(text, HasSubstr(part));
-  EXPECT_THAT(text, Not(HasSubstr("load on the component had died")));
+  EXPECT_THAT(text, Not(HasSubstr("load on the component")));
   EXPECT_THAT(render({summary(asked("a", "udp"), nullptr)}, Format::table), HasSubstr("udp: not ended"));
   EXPECT_THAT(render({summary(asked("a", "udp"), {{"error", "no peer found"}})}, Format::table),
               HasSubstr("udp: failed: no peer found"));
@@ -59,8 +59,8 @@ TEST(Remarks, HddFilesThatNeverHadHalfTheirSizeAreMarked) {
     load = {{"hdd_bytes", 1 << 30}, {"hdd_file_bytes", seen}};
     return render({summary(asked("a", "udp"), of_run)}, Format::markdown);
   };
-  EXPECT_THAT(text(300 << 20), AllOf(HasSubstr("HDD LOAD NOT AS LARGE"), HasSubstr("300 MiB")));
-  EXPECT_THAT(text(0), HasSubstr("HDD LOAD NOT AS LARGE"));
+  EXPECT_THAT(text(300 << 20), AllOf(HasSubstr("HDD LOAD SHORTFALL"), HasSubstr("300 MiB")));
+  EXPECT_THAT(text(0), HasSubstr("HDD LOAD SHORTFALL"));
   EXPECT_THAT(text(600 << 20), Not(HasSubstr("HDD LOAD")));
   load = {{"hdd_bytes", 1 << 30}};  // of an older ontime, which did not look
   EXPECT_THAT(render({summary(asked("a", "udp"), of_run)}, Format::markdown), Not(HasSubstr("HDD LOAD")));
@@ -98,10 +98,10 @@ TEST(TableFormat, TellsWhatTheKernelDroppedAndWhatWasOurs) {
   EXPECT_THAT(
       text,
       HasSubstr("dropped by the kernel: 12 because a socket buffer of the component's middleware was full, "
-                "3 in the queues of the component's CPUs"));
+                "3 in the component's"));
   EXPECT_THAT(
       text,
-      HasSubstr("lost by link.loss 7 frames that came to the controller, cut off by link.cut 1 frame that"));
+      HasSubstr("link.loss dropped 7 frames to the controller, link.cut dropped 1 frame to the controller"));
 }
 
 TEST(TableFormat, NotesEachRefusalOnce) {
@@ -139,7 +139,7 @@ TEST(Remarks, WakeUpAfterSkippedCyclesCountsFromTheFirstOfThem) {
   worst.message.passed_wake_ns = 29'550'000;
   worst.message.skipped_cycles = 2;
   one.shape.worst = {worst};
-  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("the sender's wake-up took 94 %"));
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("wake-up latency was 94 %"));
 }
 
 TEST(Remarks, ClockThatWasSlewedIsNamedFrom500PpmOn) {
@@ -178,10 +178,10 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   worst.message.woke_ns = 1'050'500'000;
   one.shape.worst = {worst};
   auto text = render({one}, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the component's CPUs"));
-  EXPECT_THAT(text, Not(HasSubstr("of the controller's CPUs")));
-  EXPECT_THAT(text, HasSubstr("of the longest answered wait, the sender's wake-up took 84 %"));
-  EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling (kernel."));
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the component's CPU time"));
+  EXPECT_THAT(text, Not(HasSubstr("of the controller's CPU time")));
+  EXPECT_THAT(text, HasSubstr("wake-up latency was 84 % of the longest answered wait"));
+  EXPECT_THAT(text, AllOf(HasSubstr("sender woke up to 50500 µs late"), HasSubstr("RT throttling (kernel.")));
   const auto document = json::parse(render({one}, Format::json));
   EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
   for (const auto* host : {"controller", "component"}) {
@@ -189,12 +189,12 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
     facts["hosts"][host]["machine"]["boot_id"] = "one";
   }
   text = render({summary(as_asked, facts)}, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the machine's CPUs"));
-  EXPECT_THAT(text, Not(HasSubstr("of the component's CPUs")));
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the machine's CPU time"));
+  EXPECT_THAT(text, Not(HasSubstr("of the component's CPU time")));
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;
   text = render({one}, Format::markdown);
-  EXPECT_THAT(text, Not(HasSubstr("sender's wake-up")));
+  EXPECT_THAT(text, Not(HasSubstr("wake-up latency was")));
   EXPECT_THAT(text, Not(HasSubstr("throttling")));
 }
 
@@ -225,8 +225,10 @@ TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
     one.parts->there.max = there_ns;
     return remarks(one);
   };
-  EXPECT_THAT(said(51'000'000, 0), HasSubstr("answered up to 51000 µs late, as RT throttling"));
-  EXPECT_THAT(said(0, 52'040'000), HasSubstr("received up to 52000 µs late, as RT throttling"));
+  EXPECT_THAT(said(51'000'000, 0),
+              AllOf(HasSubstr("answered up to 51000 µs late"), HasSubstr("RT throttling")));
+  EXPECT_THAT(said(0, 52'040'000),
+              AllOf(HasSubstr("received up to 52000 µs late"), HasSubstr("RT throttling")));
   EXPECT_THAT(said(20'000'000, 20'000'000), Not(HasSubstr("throttling")));
   as_asked["link"] = {{"delay_us", 60'000}};
   EXPECT_THAT(said(0, 52'040'000), Not(HasSubstr("throttling"))) << "the link was asked to be slow";
@@ -282,8 +284,7 @@ TEST(Remarks, AreSaidOnceForAllRunsThatHaveThem) {
       runs.push_back(summary(asked(id, transport), facts));
     }
   const auto text = render(runs, Format::markdown);
-  EXPECT_THAT(text,
-              HasSubstr("all runs: the hypervisor took 1 % to 7 % of the time of the controller's CPUs"));
+  EXPECT_THAT(text, HasSubstr("all runs: the hypervisor took 1 % to 7 % of the controller's CPU time"));
   EXPECT_EQ(text.find("hypervisor"), text.rfind("hypervisor"));
   EXPECT_THAT(text, HasSubstr("a udp: duplicates: 2"));
   amend(runs[0].run.outcome, "/conditions/controller/cpu_stolen", 0.997);
@@ -296,9 +297,9 @@ TEST(Remarks, TellThatNothingWasAnsweredAnyMore) {
   one.start_ns = 1'000'000'000;
   one.unanswered_from_ns = 4'200'000'000;
   one.unanswered_at_end = 180;
-  EXPECT_THAT(remarks(one), HasSubstr("no answer from 3.2 s on: the last 180 messages"));
+  EXPECT_THAT(remarks(one), HasSubstr("no answers from 3.2 s to the end: 180 messages"));
   one.unanswered_at_end = 9;
-  EXPECT_THAT(remarks(one), Not(HasSubstr("no answer from"))) << "they may as well be lost";
+  EXPECT_THAT(remarks(one), Not(HasSubstr("no answers from"))) << "they may as well be lost";
 }
 
 TEST(Remarks, SayThatAMachineIsSimulated) {
@@ -331,9 +332,7 @@ TEST(Remarks, TellOfLaunchTimesThatWereMissed) {
   auto conditions = asked("a", "udp");
   conditions["launch_us"] = 300;
   const auto text = render({summary(conditions, facts)}, Format::markdown);
-  EXPECT_THAT(
-      text,
-      HasSubstr("dropped by etf 3 frames of the component, whose launch time had passed or that had none"));
+  EXPECT_THAT(text, HasSubstr("etf dropped 3 frames of the component"));
   EXPECT_THAT(text, HasSubstr("launched 300 µs after it was due"));
 }
 
@@ -349,7 +348,7 @@ TEST(Remarks, TellOfOtherTrafficOnTheLink) {
   };
   EXPECT_THAT(with("lo", 1'300'000), Not(HasSubstr("other traffic")));
   const auto text = with("lo", 80'000'000);
-  EXPECT_THAT(text, HasSubstr("other traffic on lo of the controller: 160 MB in all"));
+  EXPECT_THAT(text, HasSubstr("other traffic on lo of the controller: 160 MB in total"));
   EXPECT_THAT(text, Not(HasSubstr("of the component"))) << "it is the same";
   EXPECT_THAT(with("eth1", 80'000'000),
               AllOf(HasSubstr("eth1 of the controller"), HasSubstr("lo of the component")));
@@ -368,7 +367,7 @@ TEST(Remarks, TellNotesWithTheirMoment) {
   EXPECT_EQ(notes.at(1).at("message"), 17);
   EXPECT_EQ(notes.at(1).at("at_s"), nullptr);
   one.notes.assign(30, {"peer-left", "gone", {}, {}});
-  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("gone; 25 further notes"));
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("gone; 25 more notes"));
   one.notes.assign(30, {"cause", "late", {}, 17});
   one.notes.push_back({"pauses", "listened 40 % of the time", {}, {}});
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("listened 40 % of the time; late (message 17)"));

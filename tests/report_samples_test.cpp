@@ -94,7 +94,7 @@ TEST_F(Export, SaysTheSameInBothFormats) {
   EXPECT_EQ(csv.find('\x1b'), csv.npos);
 }
 
-TEST_F(Export, OfManySamplesIsHandedOverInPieces) {
+TEST_F(Export, ManySamplesAreHandedOverInPieces) {
   std::vector<Sample> samples;
   for (std::uint64_t i = 0; i < 20'000; ++i) samples.push_back(sample(i, Fate::on_time));
   add(asked("a", "udp"), samples);
@@ -103,7 +103,7 @@ TEST_F(Export, OfManySamplesIsHandedOverInPieces) {
   EXPECT_LT(longest_, 100'000U);
 }
 
-TEST_F(Export, OfNothingIsAHeader) {
+TEST_F(Export, NoSamplesGiveAHeaderAlone) {
   EXPECT_EQ(lines_of(exported(SampleFormat::csv)).size(), 1U);
   EXPECT_EQ(exported(SampleFormat::jsonl), "");
 }

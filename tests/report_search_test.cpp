@@ -41,7 +41,8 @@ TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
   auto text = render({summary(with_neighbours(), came)}, Format::markdown);
   EXPECT_THAT(
       text,
-      HasSubstr("4 neighbours of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
+      HasSubstr(
+          "4 background topics of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
   EXPECT_THAT(text, HasSubstr("background topics: 7,990 of 8,000 arrived at the component (10 lost)"));
   EXPECT_THAT(render({summary(with_neighbours(20'000), came)}, Format::markdown),
               HasSubstr(", at 20 kHz, in"));
@@ -67,7 +68,7 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   const Summaries summaries = {step(0, "100 Hz", 0),    step(1, "200 Hz", 0), step(1, "200 Hz", 0, 2),
                                step(3, "800 Hz", 7, 1), step(2, "400 Hz", 0), step(2, "400 Hz", 3, 2)};
   const auto text = render(summaries, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("how far neighbours.rate can be turned up"));
+  EXPECT_THAT(text, HasSubstr("highest neighbours.rate without a miss"));
   const auto searches = json::parse(render(summaries, Format::json)).at("searches");
   ASSERT_EQ(searches.size(), 1U);
   EXPECT_EQ(searches[0].at("passed").at("value"), "200 Hz");
@@ -91,10 +92,10 @@ TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
             json::array());
 }
 
-TEST(Searches, SayThatTheyWereNotCarriedToTheirEnd) {
+TEST(Searches, UnfinishedSearchIsMarked) {
   auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_FALSE(found.at("finished"));
-  EXPECT_THAT(render({step(0, "100 Hz", 0)}, Format::markdown), HasSubstr("not searched to its end"));
+  EXPECT_THAT(render({step(0, "100 Hz", 0)}, Format::markdown), HasSubstr("search not finished"));
   found =
       json::parse(render({step(1, "200 Hz", 0), step(3, "800 Hz", 7)}, Format::json)).at("searches").at(0);
   EXPECT_FALSE(found.at("finished"));
@@ -111,7 +112,7 @@ TEST(Searches, AreNotMixedWithLaterOnesOfTheSameFile) {
   EXPECT_TRUE(searches[1].at("ended").is_null());
 }
 
-TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
+TEST(Searches, EndAtAFailedRunOrALoadShortfall) {
   auto failed = step(1, "200 Hz", 0);
   amend(failed.run.outcome, "/error", "no answer");
   auto found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
@@ -132,8 +133,7 @@ TEST(Searches, NameEachOfTheirKeys) {
   auto one = step(0, "1 ms", 0), other = step(0, "1 ms", 0);
   amend(one.run.asked, "/search/key", "arm.period");
   amend(other.run.asked, "/search/key", "period");
-  EXPECT_THAT(render({one, other}, Format::markdown),
-              HasSubstr("how far arm.period, period can be turned up"));
+  EXPECT_THAT(render({one, other}, Format::markdown), HasSubstr("highest arm.period, period without a miss"));
 }
 
 TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
@@ -167,7 +167,7 @@ TEST(Plots, MarkAStepOfWhichAllMessagesWereLost) {
   EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND")) << "one of two repetitions";
 }
 
-TEST(Plots, OfAPayloadMarkMisses) {
+TEST(Plots, PayloadFigureMarksMisses) {
   auto run = step(0, "100 Hz", 5);
   EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload}), HasSubstr("$missed0 << END\n500 1.98 "));
 }
@@ -190,7 +190,7 @@ TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
       << "a run that failed is no good one";
 }
 
-TEST(Plots, OfAPayloadDrawEachVariantAsALineOfItsOwn) {
+TEST(Plots, PayloadFigureDrawsALineForEachVariant) {
   auto one = step(0, "", 0), other = step(0, "", 0);
   for (auto* run : {&one, &other}) amend(run->run.asked, "/search", nullptr);
   amend(one.run.asked, "/variant", "payload 1 KiB, receive waitset");

@@ -120,7 +120,7 @@ TEST(Gate, RarelyFailsOnEqualRepetitionsHoweverMuchTheyDiffer) {
     }
 }
 
-TEST(Change, OfManyShortRunsTellsWhatOneLongRunTells) {
+TEST(Change, ManyShortRunsTellAsMuchAsOneLongRun) {
   Random random(15);
   const auto a = repetitions(kinds().front(), 20, 1000, 0, 1, random);
   auto b = repetitions(kinds().front(), 20, 1000, 0, 2, random);
@@ -131,7 +131,7 @@ TEST(Change, OfManyShortRunsTellsWhatOneLongRunTells) {
   EXPECT_LT(*p99.ratio_lies.high, 2.15);
 }
 
-TEST(Change, OfNoneLostInManyRunsIsThatOfAllTheirMessages) {
+TEST(Change, NoLossInManyRunsCountsAllTheirMessages) {
   std::vector<Summary> a(20);
   for (auto& run : a) run.lost_probability = probability(std::vector<Batch>(100, {10, 0}), 1);
   const auto found = *change_of(a, a, Figure::lost);
@@ -139,7 +139,7 @@ TEST(Change, OfNoneLostInManyRunsIsThatOfAllTheirMessages) {
   EXPECT_GT(*found.difference_lies.low, -0.0005);
 }
 
-TEST(Change, OfSingleRunsIsNoVerdict) {
+TEST(Change, SingleRunsGetNoVerdict) {
   Random random(16);
   const auto a = repetitions(kinds().front(), 1, 10'000, 0, 1, random),
              b = repetitions(kinds().front(), 1, 10'000, 0, 2, random);
@@ -205,7 +205,7 @@ TEST(Gate, IsPassedByWhatWasMeasuredUnlessItMayBeChance) {
   EXPECT_EQ(exceeds(between(99, 100, 101), 100), Answer::cannot_tell);
 }
 
-TEST(Change, OfRepetitionsCountsHowMuchTheyDiffer) {
+TEST(Change, RepetitionsWidenTheIntervalByTheirSpread) {
   // Each surely another than the others, by its own samples: the runs differ more than these tell.
   const std::vector<Summary> runs = {with_p99(between(99, 100, 101)),  with_p99(between(119, 120, 121)),
                                      with_p99(between(139, 140, 141)), with_p99(between(139, 140, 141)),

@@ -46,7 +46,7 @@ TEST(Certainty, SaysWhichQuantilesTheRunDoesNotSupport) {
   const auto few = run_of(kinds().front().series(1000, random)).round_trip_certainty;
   EXPECT_TRUE(few[Figure::p90].sure.high);
   EXPECT_FALSE(few[Figure::p99].sure.high);
-  EXPECT_STREQ(few[Figure::p99].open, "fewer than 30 messages are slower");
+  EXPECT_STREQ(few[Figure::p99].open, "fewer than 30 slower messages");
   EXPECT_FALSE(few[Figure::p99_9].sure.high);
   EXPECT_TRUE(few[Figure::p99_9].sure.low);
   EXPECT_FALSE(few[Figure::p99_99].sure.high);
@@ -57,7 +57,7 @@ TEST(Certainty, SaysWhichQuantilesTheRunDoesNotSupport) {
   EXPECT_FALSE(one.mean.sure.low);
 }
 
-TEST(Certainty, OfIndependentValuesIsThatOfTheirOrderStatistics) {
+TEST(Certainty, IndependentValuesGiveOrderStatistics) {
   // Of 100 the median lies between the 40th and the 61st: Conover 1999, table A3.
   const auto shares = quantile_shares(0.5, 100, 0.95);
   EXPECT_NEAR(*shares.low, 0.40, 1e-9);
@@ -273,7 +273,7 @@ TEST(Probability, HoldsTheTrueOneThoughARunHasFewStallsOrNone) {
   }
 }
 
-TEST(Probability, OfACalmRunWithoutAMissIsNearTheRuleOfThree) {
+TEST(Probability, CalmRunWithoutAMissIsNearTheRuleOfThree) {
   const int runs = trials(30, 200);
   for (const double rho : {0.0, 0.5})
     for (const double messages : {1000.0, 10'000.0}) {
@@ -302,7 +302,7 @@ TEST(Probability, IsNotBoundedByHowTheMedianDrifts) {
   }
 }
 
-TEST(Probability, OfOneInAMillionIsClaimedAfterThreeMillion) {
+TEST(Probability, OneInAMillionIsClaimedAfterThreeMillion) {
   EXPECT_NEAR(messages_to_claim(1e-6, 1), 2'995'731, 1);
   EXPECT_NEAR(messages_to_claim(1e-6, 4), 4 * 2'995'731, 4);
 }

@@ -54,7 +54,7 @@ TEST(Layers, AreComparedRepetitionByRepetition) {
   EXPECT_FALSE(found[1].instructions.total) << "not counted is not zero";
 }
 
-TEST(Layers, OfOneIdAreAsManyAsItHasConditions) {
+TEST(Layers, OneIdGivesALayerForEachCondition) {
   std::vector<Summary> runs;
   for (int repetition = 1; repetition <= 3; ++repetition)
     for (const int payload : {500, 32768}) {
@@ -151,7 +151,7 @@ TEST(Layers, DoNotCountWhatWasNotMeasuredToItsEnd) {
   EXPECT_TRUE(layers(runs).missing.empty()) << "each was measured once";
 }
 
-TEST(Layers, ThatAreMissingAreNamedOnce) {
+TEST(Layers, MissingLayersAreNamedOnce) {
   std::vector<Summary> runs;
   for (int repetition = 1; repetition <= 3; ++repetition) {
     runs.push_back(layer_run("above", "below", repetition, 110));

@@ -78,7 +78,7 @@ TEST(Distribution, IsInOrderAndDoesNotDependOnTheOrderOfValues) {
   }
 }
 
-TEST(Distribution, OfNoValuesIsZero) {
+TEST(Distribution, NoValuesGiveZero) {
   const auto found = distribution({});
   EXPECT_EQ(found.count, 0u);
   EXPECT_EQ(found.min, 0);
@@ -103,7 +103,7 @@ TEST(Distribution, MeanOfLargeValuesDoesNotOverflow) {
 }
 
 // Values that crowd together are counted instead of listed: it must not show.
-TEST(Values, ThatCrowdAreTheSame) {
+TEST(Values, CrowdedValuesGiveTheSameRanks) {
   std::mt19937_64 random(6);
   std::vector<std::int64_t> values(300'000);
   for (auto& value : values)
@@ -116,7 +116,7 @@ TEST(Values, ThatCrowdAreTheSame) {
   EXPECT_EQ(found.max, values.back());
 }
 
-TEST(Values, OfASeriesAreAsIfAddedOneByOne) {
+TEST(Values, SeriesEqualsValuesAddedOneByOne) {
   std::mt19937_64 random(7);
   for (int round = 0; round < 200; ++round) {
     Values values;
@@ -198,7 +198,7 @@ TEST(Histogram, BinsAreEquallyWideOnALogarithmicAxis) {
   }
 }
 
-TEST(Estimate, OfFewValuesIsWhatTheySpan) {
+TEST(Estimate, FewValuesGiveTheirSpan) {
   EXPECT_FALSE(estimate({}));
   const auto one = estimate({7}).value();
   EXPECT_EQ(std::tie(one.median, one.low, one.high, one.confidence), std::make_tuple(7.0, 7.0, 7.0, 0.0));
@@ -208,7 +208,7 @@ TEST(Estimate, OfFewValuesIsWhatTheySpan) {
   EXPECT_EQ(estimate({1, 2, 3, 10})->median, 2.5);
 }
 
-TEST(Estimate, OfNineLeavesOneOutOnEachSide) {
+TEST(Estimate, NineValuesLeaveOneOutOnEachSide) {
   const auto nine = estimate({9, 8, 7, 6, 5, 4, 3, 2, 1}).value();
   EXPECT_EQ(std::tie(nine.low, nine.high), std::make_tuple(2.0, 8.0));
   EXPECT_DOUBLE_EQ(nine.confidence, 1 - 2 * (1.0 + 9) / 512);  // tables of the sign test: 96.1 %

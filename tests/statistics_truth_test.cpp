@@ -20,7 +20,7 @@ bool contradicts(const Interval& interval, double truth) {
 // The mean and the percentiles.
 constexpr std::span judged = std::span(metrics).first<6>();
 
-TEST(Statement, OfARunHoldsInNineOfTenOrIsRefused) {
+TEST(Statement, IntervalHoldsInNineOfTenRunsOrIsRefused) {
   const int runs = trials(20, 300);
   for (const std::size_t messages : {2000u, 10'000u})
     for (const auto& kind : hard_kinds(static_cast<double>(messages))) {
@@ -46,7 +46,7 @@ TEST(Statement, OfARunHoldsInNineOfTenOrIsRefused) {
     }
 }
 
-TEST(Statement, OfAWorstCaseHoldsInNineOfTenOrIsRefused) {
+TEST(Statement, WorstCaseHoldsInNineOfTenRunsOrIsRefused) {
   const int runs = trials(10, 200);
   for (const std::size_t messages : {4000u, 20'000u})
     for (const auto& kind : hard_kinds(static_cast<double>(messages))) {
@@ -76,7 +76,7 @@ TEST(Statement, OfAWorstCaseHoldsInNineOfTenOrIsRefused) {
     }
 }
 
-TEST(Statement, OfMissesHoldsInNineOfTen) {
+TEST(Statement, MissProbabilityHoldsInNineOfTenRuns) {
   const int runs = trials(60, 300);
   constexpr double every = 1500, deadline_ns = 10e6;
   const auto kind = stalls(every);
@@ -96,7 +96,7 @@ TEST(Statement, OfMissesHoldsInNineOfTen) {
   }
 }
 
-TEST(Shift, OfTheMedianIsNamedWithItsPlaceAndSize) {
+TEST(Shift, MedianShiftIsNamedWithItsTimeAndSize) {
   Random random(54);
   auto values = kinds().front().series(10'000, random);
   for (std::size_t i = 4000; i < values.size(); ++i) values[i] *= 2;
@@ -117,7 +117,7 @@ TEST(Shift, IsNotInventedWhereTheLevelReturns) {
       EXPECT_FALSE(run_of(kind.series(10'000, random)).round_trip_certainty.shift) << kind.name;
 }
 
-TEST(Ties, OfTwoSlowLevelsHideNoDependence) {
+TEST(Ties, TwoSlowLevelsHideNoDependence) {
   Random random(56);
   const int runs = trials(40, 400);
   const auto kind = two_levels("ties", 0.45, 200, 2, 0);

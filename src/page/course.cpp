@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kept_bits = 11;  // of a time, after its first
 
-// What no clock says comes round, as everywhere where a damaged file is read.
+// Wraps around instead of overflowing: a damaged file may hold any times.
 std::int64_t between(std::int64_t earlier, std::int64_t later) {
   return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
 }

@@ -48,7 +48,7 @@ struct Bar {
   std::int64_t length_ns() const { return to_ns - from_ns; }
 };
 
-// Moments, told quickly of however many stretches: a culprit comes and goes thousands of times.
+// Stretches of time with a fast lookup: a culprit may come and go thousands of times.
 class Moments {
  public:
   void add(std::int64_t from_ns, std::int64_t to_ns) { stretches_.emplace_back(from_ns, to_ns); }
@@ -157,13 +157,13 @@ class Drawing {
     };
     mark("due", scene_.legs.front().from_ns);
     mark("sent", sample.sent_ns);
-    if (scene_.there_ns) mark("there", *scene_.there_ns);
+    if (scene_.there_ns) mark("at server", *scene_.there_ns);
     if (scene_.answered_ns) mark("answered", *scene_.answered_ns);
     if (sample.fate != Fate::lost) mark("back", sample.received_ns);
     if (deadline_ns_ > 0) mark("deadline", sample.sent_ns + deadline_ns_);
   }
 
-  // Whether the culprit was at work then: on that CPU, or, of what is on none or on any, anywhere.
+  // Whether the culprit was at work then: on that CPU, or without a CPU anywhere.
   bool at_work(std::int64_t from_ns, std::int64_t to_ns, std::optional<int> cpu = {}) const {
     if (!cpu) return at_work_anywhere_.any_within(from_ns, to_ns);
     const auto there = at_work_.find(*cpu);
@@ -191,7 +191,7 @@ class Drawing {
           if (state != State::sleeps || suffering)
             bars.push_back({stretch.from_ns, stretch.to_ns, look, word_of(state), suffering});
         }
-      // Of a middleware's many threads those that had to do with it.
+      // A middleware has many threads: only those that were awake.
       if (!awake) continue;
       ++drawn;
       lanes.push_back(
@@ -205,7 +205,7 @@ class Drawing {
     return nullptr;
   }
 
-  // Whose name is the culprit's: where and while it held up a thread of ours.
+  // Whether this is the culprit, where and while it delayed a thread of ontime.
   bool accused(const std::string& name, std::initializer_list<Cause> of, int cpu, std::int64_t from_ns,
                std::int64_t to_ns) const {
     if (std::ranges::find(of, culprit_.cause) == of.end() || name != culprit_.culprit) return false;
@@ -213,7 +213,7 @@ class Drawing {
     return at_work(from_ns, to_ns, anywhere ? std::nullopt : std::optional(cpu));
   }
 
-  // Those on which our threads were, or were to be, and then those on which the culprit was.
+  // The CPUs with the most to show: those of ontime's threads first, then those with many events.
   std::vector<int> cpus_of(const Timeline& timeline, const std::string& end) const {
     std::map<int, double> weight;
     for (const auto& thread : scene_.threads)
@@ -267,7 +267,7 @@ class Drawing {
     return bars;
   }
 
-  // What is too short to be seen goes together with what is beside it, however often they change.
+  // Joins bars that are too short to be seen with their neighbours.
   std::vector<Bar> merged(const std::vector<Bar>& bars) const {
     const auto least_ns = std::max<std::int64_t>((to_ns_ - from_ns_) / parts_, 1);
     std::vector<Bar> all;
@@ -283,7 +283,7 @@ class Drawing {
         const bool were_ours = last.look == Look::ours || last.look == Look::runs;
         last.look = ours ? bar.look : were_ours ? last.look : Look::several;
         last.culprit = last.culprit || bar.culprit;
-        last.name = last.culprit ? "several, the culprit among them" : "several, each for a short time";
+        last.name = last.culprit ? "several, including the culprit" : "several short ones";
         last.to_ns = bar.to_ns;
         last.together = true;
       } else {
@@ -293,7 +293,7 @@ class Drawing {
     return all;
   }
 
-  // Of packets that may be the message's: in the queue, on the wire, thrown away.
+  // Packets that may be the message's: in the queue, on the wire, dropped.
   void add_packets(json& lanes) {
     for (const std::string end : {"controller", "component"}) {
       const auto* timeline = timeline_of(end);

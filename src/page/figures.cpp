@@ -16,14 +16,14 @@ using statistics::Distribution;
 using statistics::Figure;
 using statistics::Summary;
 
-// More make a page that no browser wants: of 16 bits each they are 13 MB.
+// More would make the page too big for a browser: these take 13 MB.
 constexpr std::uint64_t most_messages = 5'000'000;
 
 json ns_of(std::chrono::nanoseconds time) {
   return time.count() > 0 ? json(static_cast<double>(time.count())) : json();
 }
 
-// On a logarithmic axis nothing takes less than a nanosecond, whatever a damaged file says.
+// A logarithmic axis needs at least 1 ns, even from a damaged file.
 std::int64_t drawn(std::int64_t ns) { return std::max<std::int64_t>(ns, 1); }
 
 json json_of(const Distribution& of) {
@@ -52,7 +52,7 @@ json slices_of(const statistics::Shape& shape) {
   return {{"slice_ns", shape.slice_ns}, {"medians", medians}, {"stalls", stalls}};
 }
 
-// Where the data allow one: the later of the two ways'.
+// The greater of the two methods' bounds, where the data allow one.
 json bound_of(const statistics::Extremes& extremes) {
   if (!refusal_of(extremes).empty()) return nullptr;
   const statistics::Bound* worst = nullptr;
@@ -83,7 +83,7 @@ json course_of(const record::Reader& reader, const Summary& summary, std::uint64
   const bool has_cycles =
       client.schedule != roundtrip::Schedule::back_to_back && client.period.count() < longest_ns;
   Course course(summary.start_ns, has_cycles ? client.period.count() : 0, of);
-  // The worst alone are not its course.
+  // The worst messages alone show no time course.
   if (!summary.has_worst_only)
     reader.each_sample(summary.run.number, [&](const auto& sample) { course.message(sample); });
   return course.packed();

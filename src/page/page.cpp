@@ -33,7 +33,7 @@ std::string heading_of(const Summary& summary) {
   return title == nothing ? id : id + " · " + title;
 }
 
-// Exact for programs, for the eye as in the tables: `shown`.
+// The exact value for programs; `shown`, as in the tables, for users.
 std::string time_cell(const std::string& shown, double ns, const char* name) {
   if (shown == nothing) return "<td class=\"number\">–</td>";
   return fmt::format("<td class=\"number\"><data data-figure=\"{}\" value=\"{:.3f}\">{}</data></td>", name,
@@ -86,7 +86,7 @@ constexpr const char* table_head = R"(<div class="wide" tabindex="0" role="regio
 <th scope="col" class="range">Min to max, p50, p99</th></tr></thead>
 )";
 
-// What the paper measured, beside it.
+// The paper's values beside it.
 std::string row_of(const PaperRow& paper, bool by_response) {
   const auto us = [](const auto& value) {
     return fmt::format("<td class=\"number\">{}</td>", microseconds(static_cast<double>(value) * 1e3));
@@ -101,8 +101,8 @@ std::string row_of(const PaperRow& paper, bool by_response) {
 }
 
 std::string table_of(const std::vector<Shown>& groups, bool by_response) {
-  auto text =
-      fmt::format(table_head, by_response ? "<th scope=\"col\" class=\"number\">By response</th>\n" : "");
+  auto text = fmt::format(
+      table_head, by_response ? "<th scope=\"col\" class=\"number\">Late by response time</th>\n" : "");
   std::size_t figure = 0;
   for (const auto& group : groups) {
     text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"{}\"><span>{}</span></th></tr>\n",
@@ -115,11 +115,11 @@ std::string table_of(const std::vector<Shown>& groups, bool by_response) {
   return text + "</table>\n</div>\n";
 }
 
-// The longest waits, and where they went.
+// The longest waits, stage by stage.
 Table worst_of(const Shown& group) {
-  Table table{
-      .title = "The longest waits (µs)",
-      .columns = columns_of("Run", {"Message", "at (s)", "waited", "woken up after", "sent after", "took"})};
+  Table table{.title = "Longest waits (µs)",
+              .columns = columns_of(
+                  "Run", {"Message", "At (s)", "Wait", "Wake-up latency", "Wake-up to send", "Round trip"})};
   constexpr std::size_t most = 5;  // of a run
   for (std::size_t run = 0; run < group.runs.size(); ++run) {
     const auto& worst = group.runs[run]->shape.worst;
@@ -139,13 +139,13 @@ Table worst_of(const Shown& group) {
 // Where the time goes, of the median and of the slowest.
 Table parts_of(const Shown& group) {
   Table table{.title = "Where the time goes (µs): median / p99 / max",
-              .columns = columns_of("Run", {"wake-up"})};
+              .columns = columns_of("Run", {"Wake-up latency"})};
   const bool any_parts =
       std::ranges::any_of(group.runs, [](const auto* run) { return run->parts.has_value(); });
-  if (any_parts) table.columns.push_back({"way there"});
-  table.columns.push_back({"at the component"});
-  if (any_parts) table.columns.push_back({"way back"});
-  table.columns.push_back({"response"});
+  if (any_parts) table.columns.push_back({"Request leg"});
+  table.columns.push_back({"Server turnaround"});
+  if (any_parts) table.columns.push_back({"Reply leg"});
+  table.columns.push_back({"Response time"});
   const auto cell = [](const statistics::Distribution& of) {
     if (of.count == 0) return std::string(nothing);
     return percentile(of, Figure::p50) + " / " + percentile(of, Figure::p99) + " / " + microseconds(of.max);
@@ -161,8 +161,9 @@ Table parts_of(const Shown& group) {
     table.rows.push_back(row);
   }
   table.notes.emplace_back(
-      "Wake-up: from when a message was due until its sender ran. Response: from when each cycle was due "
-      "until its answer came, cycles that passed without a message among them; it hides no stall.");
+      "Wake-up latency: from when a message was due until its sender ran. Response time: from when a cycle "
+      "was due until its answer came, including cycles without a message (corrected for coordinated "
+      "omission).");
   return table;
 }
 
@@ -196,22 +197,21 @@ class="middle">─</span>median <span class="stall">━</span>longest wait of cy
 // What the table's columns mean.
 std::string table_legend(const Summaries& summaries) {
   auto legend = all_listened(all_of(summaries))
-                    ? "Late: beyond the limit that was stated. Lost: published and never taken."
+                    ? "Late: beyond the limit. Lost: published and never taken."
                     : fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
                                   limit_of(summaries, "deadline", &roundtrip::ClientOptions::deadline),
                                   limit_of(summaries, "time-out", &roundtrip::ClientOptions::timeout));
   if (std::ranges::any_of(summaries, differs_by_response))
-    legend += " By response: cycles without an answer within the deadline from when they were due.";
+    legend += " Late by response time: cycles without an answer within the deadline after they were due.";
   legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
   if (any_of_paper(summaries))
     legend +=
-        " paper’s: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
-        "for 10 minutes (Test5: 12 hours), with 8 workers of each kind on the controller and 2 on the "
-        "component.";
+        " paper’s: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "
+        "hours). Load: 8 workers of each kind on the controller, 2 on the component.";
   return legend;
 }
 
-// Of messages' ways: as many as a page can bear.
+// Drawings of messages: as many as a browser can load.
 constexpr std::size_t most_drawings = 60, most_drawings_of_a_run = 6;
 struct Drawings {
   std::vector<json> drawn;
@@ -247,14 +247,14 @@ std::string section_of(const record::Reader& reader, const Shown& shown, std::si
   html += whys_of(reader, shown, drawings);
   html += fmt::format(
       "<div class=\"pair\">\n<figure class=\"ccdf\" data-figures-of=\"{0}\">\n<figcaption><b>Exceedance "
-      "(CCDF)</b> <span>share of messages slower than x; a lost message is slower than "
-      "any</span></figcaption>\n</figure>\n"
+      "(CCDF)</b> <span>share of messages slower than x; a lost message counts as "
+      "slowest</span></figcaption>\n</figure>\n"
       "<figure class=\"histogram\" data-figures-of=\"{0}\">\n<figcaption><b>Distribution</b> <span>answered "
       "messages per bin; 16 equal bins to each doubling of the round "
       "trip</span></figcaption>\n</figure>\n</div>\n",
       list_of(first, group.size()));
   auto worst = worst_case_table(labels, group);
-  worst.title = "The slowest: seen and extrapolated";
+  worst.title = "Slowest: seen and extrapolated";
   if (!worst.rows.empty()) html += details("Extrapolated worst case", as_html(worst), true);
   for (const auto& note : unbounded_notes(labels, group)) html += note_as_html(note);
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
@@ -262,7 +262,7 @@ std::string section_of(const record::Reader& reader, const Shown& shown, std::si
     html += details("Confidence intervals", as_html(sure));
   }
   if (!all_listened(group)) html += details("Where the time goes", as_html(parts_of(shown)));
-  html += details("The longest waits", as_html(worst_of(shown)));
+  html += details("Longest waits", as_html(worst_of(shown)));
   return html + "</section>\n";
 }
 
@@ -291,7 +291,7 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
   return html.empty() ? "" : "<section>\n<h2>Side by side</h2>\n" + html + "</section>\n";
 }
 
-// What another tool measured has neither messages nor a course.
+// Imported histograms of another tool have no messages and no time axis.
 std::string imported_section_of(const Summaries& imported) {
   std::string html = "<section>\n<h2>Imported</h2>\n";
   for (const auto& group : by_id(imported)) html += as_html(imported_table_of(group));
@@ -299,12 +299,12 @@ std::string imported_section_of(const Summaries& imported) {
 }
 
 std::string settings_of(const Summaries& summaries) {
-  std::string html = "<section>\n<h2>Conditions: asked and found</h2>\n";
+  std::string html = "<section>\n<h2>Conditions: requested and found</h2>\n";
   const auto differences = differences_of(summaries);
   html += differences.columns.size() > 1 ? as_html(differences)
                                          : "<p>" + escaped(differences.conditions) + "</p>\n";
   for (const auto& refusal : refusals(summaries)) html += note_as_html(refusal);
-  html += details("Load, asked and achieved", as_html(loads_of(summaries)));
+  html += details("Load: requested and achieved", as_html(loads_of(summaries)));
   std::string threads;
   for (const auto& table : threads_page_of(summaries).tables) threads += as_html(table);
   if (!threads.empty()) html += details("Threads, as the kernel reports them", threads);
@@ -322,7 +322,7 @@ std::string headline_of(const Summaries& measured, bool any_imported, const std:
   if (measured.empty())
     return fmt::format(
         "<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word),
-        any_imported ? "No messages were measured: what is here was imported." : escaped(verdict.sentence));
+        any_imported ? "No messages were measured; all data are imported." : escaped(verdict.sentence));
   const auto answer = answer_of(measured, {name});
   auto html = fmt::format("<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word), escaped(answer.sentence));
   const auto groups = by_id(measured);
@@ -345,7 +345,7 @@ std::string headline_of(const Summaries& measured, bool any_imported, const std:
   return html + "</dl>\n";
 }
 
-// Within it nothing ends the element, whatever the texts are.
+// Escaped, so that no text within can end the element.
 std::string data_element(const json& data) {
   const auto text = data.dump(-1, ' ', true, json::error_handler_t::replace);
   return "<script type=\"application/json\" id=\"data\">" + replace_all(text, "<", "\\u003c") + "</script>\n";
@@ -378,8 +378,8 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
   }
   if (!imported.empty()) body += imported_section_of(imported);
   body += "</main>\n<footer><p>Made by ontime " ONTIME_VERSION
-          " from the results file, which has every sample. Figures are drawn by D3, whose licence is in this "
-          "file's source.</p></footer>\n";
+          " from the results file, which has every sample. Figures: D3; its licence is in this file's "
+          "source.</p></footer>\n";
   auto data = figures_of(reader, measured);
   data["drawings"] = drawings.drawn;
   data["source"] = {{"file", printable(name)}, {"ontime", ONTIME_VERSION}};

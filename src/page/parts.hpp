@@ -25,17 +25,16 @@ extern const std::string_view d3, d3_licence;
 // Of web/figures.js and web/time_plot.js. Reads the samples.
 nlohmann::json figures_of(const record::Reader&, const Summaries&);
 
-// What a page draws of a message's way, web/way.js: {"span_ns", "marks": [[name, ns] …], "stages": [[name,
+// What web/way.js draws of a message's path: {"span_ns", "marks": [[name, ns] …], "stages": [[name,
 // from, to, is the culprit's] …], "lanes": [{"of": "thread" | "cpu" | "packet", "end", "name", "bars":
 // [[from, to, look, name, is the culprit's] …]} …], "names", "uncertainty_ns"}; times are after the begin of
-// what is shown. Bounded: of the CPUs those that it had most to do with, of threads a dozen, and what is too
-// short to be seen goes together with what is beside it, the coarser the more there is. null: even so it is
-// too much.
+// what is shown. Bounded: the most involved CPUs, a dozen threads; bars that are too short to be seen are
+// joined, more of them the more there are. null: still too much.
 inline constexpr std::size_t most_of_a_drawing = 25'000;  // bytes
 nlohmann::json drawing_of(const explain::Message&, const explain::Scene&, std::int64_t deadline_ns);
 
-// Of a run that was measured with `explain: on`: each culprit's share, and the figures for the worst of its
-// messages, which draw `drawings` from `first_drawing` on, or that they are not drawn. Nothing of any other.
+// For a run with `explain: on`: each culprit's share, and the figures of its worst messages, which draw
+// `drawings` from `first_drawing` on, or a note that they are not drawn. Empty for other runs.
 struct Why {
   std::string html;
   std::vector<nlohmann::json> drawings;

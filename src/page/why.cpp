@@ -23,8 +23,7 @@ using roundtrip::Fate;
 constexpr std::size_t most_culprits = 20,
                       most_parts = 20;  // of a run, of a message; `ontime explain` has all
 
-// Of the late and lost messages that were looked at, how many have this culprit first: as a length and in
-// words.
+// How many of the examined late and lost messages have this main culprit: as a bar and in words.
 std::string share_of(const Group& group, std::size_t messages) {
   const auto share = static_cast<double>(group.messages) / static_cast<double>(messages);
   auto html = fmt::format(
@@ -62,8 +61,8 @@ std::string heading_of(const Message& message) {
 
 // What the figure shows, in words: the delay, the largest parts first.
 std::string parts_of(const Message& message) {
-  Table table{.title = "All of its delay",
-              .columns = {{"Stage", Column::Align::left}, {"Took"}, {"What was so", Column::Align::left}}};
+  Table table{.title = "Delay by stage",
+              .columns = {{"Stage", Column::Align::left}, {"Took"}, {"Cause", Column::Align::left}}};
   const auto shown = std::min(message.parts.size(), most_parts);
   for (std::size_t i = 0; i < shown; ++i) {
     const auto& part = message.parts[i];
@@ -71,33 +70,33 @@ std::string parts_of(const Message& message) {
                           explain::sentence_of(part)});
   }
   if (shown < message.parts.size())
-    table.notes.push_back(
-        fmt::format("And {} more, none of them longer: `ontime explain --message {}` has all.",
-                    message.parts.size() - shown, message.sample.index));
-  if (!message.whole) table.notes.emplace_back("A part of what the kernel did around it is not known.");
+    table.notes.push_back(fmt::format("{} more parts: see `ontime explain --message {}`.",
+                                      message.parts.size() - shown, message.sample.index));
+  if (!message.whole) table.notes.emplace_back("Some kernel events around it are missing.");
   return as_html(table);
 }
 
-// The figure, or, of what cannot be drawn, that it cannot; and all of it in words.
+// The figure, or a note that it cannot be drawn; and all parts in words.
 std::string figure_of(const Message& message, std::optional<std::size_t> drawing) {
   const auto& culprit = message.parts.front();
   auto says = explain::sentence_of(culprit);
-  if (culprit.ns > 0) says += fmt::format(": {} of it", span_of(culprit.ns));
+  if (culprit.ns > 0) says += ": " + span_of(culprit.ns);
   const auto caption = fmt::format("<b>{}</b> <span>{}</span>", escaped(heading_of(message)), escaped(says));
-  auto html = drawing ? fmt::format(
-                            "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption>{}</figcaption>\n"
-                            "</figure>\n",
-                            *drawing, caption)
-                      : fmt::format("<p>{}</p>\n", caption) +
-                            note_as_html(fmt::format("More happened around it than a page can draw: `ontime "
-                                                     "explain --message {} --perfetto FILE` has it.",
-                                                     message.sample.index));
+  auto html = drawing
+                  ? fmt::format(
+                        "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption>{}</figcaption>\n"
+                        "</figure>\n",
+                        *drawing, caption)
+                  : fmt::format("<p>{}</p>\n", caption) +
+                        note_as_html(fmt::format("Too many events to draw. See `ontime explain --message {} "
+                                                 "--perfetto FILE`.",
+                                                 message.sample.index));
   return html + "<details><summary>Part by part</summary>\n" + parts_of(message) + "</details>\n";
 }
 
 constexpr const char* key =
-    R"(<p class="note key">In the plots of a message’s way: <span class="culprit">▨</span>the culprit, and what it held
-up <span class="ours">■</span>a thread of the measurement runs <span class="ready">▨</span>it is ready, and waits <span
+    R"(<p class="note key">In the plots of a message’s path: <span class="culprit">▨</span>the culprit, and what it
+delayed <span class="ours">■</span>an ontime thread runs <span class="ready">▨</span>it is ready, waits for a CPU <span
 class="other">■</span>another thread <span class="interrupt">■</span>interrupts <span class="packet">■</span>packets</p>
 )";
 
@@ -111,18 +110,16 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   const auto faults = faults_of(account);
   std::size_t looked_at = 0;
   for (const auto& group : account.groups) looked_at += group.messages;
-  why.html = fmt::format("<p>{}</p>\n", faults.empty()
-                                            ? "Nothing was late or lost. What held up the slowest is shown."
-                                            : faults + ". What held them up first:");
+  why.html = fmt::format("<p>{}</p>\n", faults.empty() ? "Nothing was late or lost. Causes of the slowest:"
+                                                       : faults + ". Main causes:");
   if (!account.groups.empty()) {
     why.html += "<ol class=\"culprits\">\n";
     const auto shown = std::min(account.groups.size(), most_culprits);
     for (std::size_t i = 0; i < shown; ++i) why.html += share_of(account.groups[i], looked_at);
     why.html += "</ol>\n";
     if (shown < account.groups.size())
-      why.html +=
-          note_as_html(fmt::format("And {} more, each of which held up fewer: `ontime explain` has all.",
-                                   account.groups.size() - shown));
+      why.html += note_as_html(fmt::format("{} more causes, each of fewer messages: see `ontime explain`.",
+                                           account.groups.size() - shown));
   }
   for (const auto& limit : account.limits) why.html += note_as_html(limit);
 
@@ -130,8 +127,8 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   if (worst.empty()) {
     if (most_drawings == 0 && !chosen(account, 1).empty())
       why.html += note_as_html(fmt::format(
-          "The ways of its messages are not drawn: the runs before it have as many as a page bears. "
-          "`ontime explain --run {}` tells of them.",
+          "Its messages are not drawn: the drawings of earlier runs fill the page. See `ontime explain --run "
+          "{}`.",
           run.number));
     return why;
   }

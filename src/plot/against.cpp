@@ -28,7 +28,7 @@ constexpr Abscissa payload{
     "payload", "Payload (bytes)", [](const Summary& summary) {
       return static_cast<double>(std::max<std::size_t>(summary.run.asked.task.client.payload_bytes, 1));
     }};
-// As asked for, or, where that was more than could be had, as it was.
+// The requested rate, or the achieved one if that fell short.
 double rate_of_neighbours_hz(const Summary& summary) {
   const auto& asked = summary.run.asked.task.neighbours;
   if (asked.topics == 0) return 0;
@@ -40,7 +40,7 @@ double rate_of_neighbours_hz(const Summary& summary) {
     sent += static_cast<double>(seen.sent);
     others += static_cast<double>(seen.skipped_cycles) + static_cast<double>(seen.refused);
   }
-  // If none was sent, there is no place for it: it is drawn at what was asked for, and marked.
+  // If none was sent, it is drawn at the requested rate, and marked.
   return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
 constexpr Abscissa rate_of_neighbours{
@@ -152,8 +152,7 @@ std::string plot_against(const Group& group, const Plot& plot) {
   entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
   entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
   if (any_repeated) entries.push_back({"bars: lowest to highest repetition"});
-  if (any_missed)
-    entries.push_back({"late, lost, or less load than asked for", "", "pointtype 2 pointsize 0.5"});
+  if (any_missed) entries.push_back({"late, lost, or load shortfall", "", "pointtype 2 pointsize 0.5"});
 
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);

@@ -29,7 +29,7 @@ constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#
 struct Found {
   double median_ms, low_ms, high_ms;
 };
-// Of those runs in which so many were answered that the metric is one, as in the tables.
+// Only runs with enough answers for this metric, as in the tables.
 std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Range& range) {
   std::vector<double> values;
   const Summary* last = nullptr;

@@ -20,8 +20,8 @@ struct Plot {
 // Of runs that were measured. A long run is drawn as the extremes of as many stretches of time as can be told
 // apart, so that none is missing.
 std::string gnuplot_of(const std::vector<statistics::Summary>&, const Plot&);
-// Of these, what it does not draw: figures that pool repetitions do without one that was not measured to its
-// end or as asked, where another one was.
+// The runs that it does not draw: a figure that pools repetitions leaves out a flawed one (cut off, failed,
+// not applied) if another one is sound.
 std::vector<const statistics::Summary*> left_out(const std::vector<statistics::Summary>&, const Plot&);
 // B / A of each metric with its interval. Empty: there is nothing to compare.
 std::string gnuplot_of(const report::Comparison&, const Plot&);

@@ -23,7 +23,7 @@ constexpr const char* late_style = "linewidth 2.4 linecolor rgb '#d55e00'";
 constexpr const char* wait_style = "linewidth 2.4 linecolor rgb '#882255'";
 constexpr const char* lost_style = "pointtype 2 pointsize 0.4 linewidth 0.8 linecolor rgb '#000000'";
 
-// As long as a line is wide: finer ones cannot be told apart, and make a figure of megabytes.
+// About a line's width: finer stretches look the same, and make a figure of megabytes.
 constexpr double stretches_a_cm = 50;
 using Stretch =
     std::pair<double, statistics::Slice>;  // at so many s; the median is that of its slices' medians

@@ -40,16 +40,15 @@ std::string why_not_opened(const std::string& path, sqlite3* handle) {
 
 std::string explanation(const std::string& path, int code, sqlite3* handle) {
   if (code == SQLITE_READONLY_DBMOVED)
-    return "it was removed or renamed while this waited for it. Try again, or choose another file.";
+    return "it was removed or renamed meanwhile. Try again, or choose another file.";
   switch (code & 0xff) {  // the rest tells kinds of each apart
     case SQLITE_FULL:
-      return "the disk is full. What was committed before is in the file: make room, or choose a file "
-             "elsewhere.";
+      return "the disk is full. Earlier data are in the file. Free space, or choose a file elsewhere.";
     case SQLITE_READONLY:
     case SQLITE_PERM:
-      return "it is read-only. Choose another file, or permit writing to it and to its folder.";
+      return "it is read-only. Choose another file, or make it and its folder writable.";
     case SQLITE_BUSY:
-      return "another program uses it. Wait until that has ended, or choose another file.";
+      return "another program uses it. Wait until that program ends, or choose another file.";
     case SQLITE_NOTADB:
       return "it is not a results file of ontime (not an SQLite database). Choose another file.";
     case SQLITE_CORRUPT:
@@ -57,31 +56,30 @@ std::string explanation(const std::string& path, int code, sqlite3* handle) {
                          reason(handle));
     case SQLITE_CANTOPEN:
       return fmt::format(
-          "it, or its -wal file beside it, cannot be opened ({}). Choose another file, or see to its "
-          "folder and the permissions there.",
+          "it or its -wal file cannot be opened ({}). Check its folder and permissions, or choose another "
+          "file.",
           why_not_opened(path, handle));
     case SQLITE_IOERR:
       return fmt::format(
-          "reading or writing failed ({}). What was committed before is in the file: see to the "
-          "disk, or choose a file elsewhere.",
+          "reading or writing failed ({}). Earlier data are in the file. Check the disk, or choose a file "
+          "elsewhere.",
           reason(handle));
     case SQLITE_INTERRUPT:
-      return "it is damaged (to read it would have no end).";
+      return "it is damaged (reading it would never end).";
     case SQLITE_ERROR:  // of our SQL, which nothing else can be wrong with
     case SQLITE_CONSTRAINT:
     case SQLITE_MISMATCH:
     case SQLITE_TOOBIG:
       return fmt::format(
-          "its tables are not as ontime makes them ({}): it is damaged, or another program changed it. "
-          "Choose another file.",
+          "its tables are invalid ({}): it is damaged, or another program changed it. Choose another file.",
           message_of(handle));
     default:
       return fmt::format("SQLite says: {}.", message_of(handle));
   }
 }
 
-// Absolute, so that no path means something else to SQLite, as ":memory:" does; and where a link leads: it is
-// opened with SQLITE_OPEN_NOFOLLOW, so that none which is put there meanwhile is followed.
+// Absolute, because paths such as ":memory:" are special to SQLite; and with links resolved, because it is
+// opened with SQLITE_OPEN_NOFOLLOW, so that a link that appears meanwhile is not followed.
 std::string uri_of(const std::string& path, bool immutable) {
   if (path.empty()) return path;
   std::string uri = "file:";
@@ -104,8 +102,8 @@ void require_files_beside(const std::string& path) {
     const auto beside = fs::weakly_canonical(path, ignored).string() + suffix;
     const auto status = fs::symlink_status(beside, ignored);
     if (fs::exists(status) && !fs::is_regular_file(status))
-      throw WrongFile(fmt::format(
-          "{}: {} belongs to it, and is not a file. Look who put it there, and remove it.", path, beside));
+      throw WrongFile(
+          fmt::format("{}: {} is not a file. Check where it comes from, and remove it.", path, beside));
   }
 }
 
@@ -225,7 +223,7 @@ void Statement::check(int code) {
 }
 
 void Statement::fail_type(int column, const char* expected) {
-  throw WrongFile(fmt::format("{}: it is damaged (a value of {} is no {}).", connection_.name(),
+  throw WrongFile(fmt::format("{}: it is damaged (a value of {} is not a {}).", connection_.name(),
                               sqlite3_column_name(handle_.get(), column), expected));
 }
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// SQLite, as Writer and Reader use it: a connection and its statements, whose failures are said for people.
+// SQLite, as Writer and Reader use it: a connection and its statements, with errors for users.
 // The file may be foreign and hostile: no trigger or view that is in it is used, no value is
-// taken for another type than it has, and no step takes for ever.
+// taken for another type than it has, and no step runs forever.
 #pragma once
 
 #include <atomic>

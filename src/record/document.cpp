@@ -17,7 +17,7 @@ using nlohmann::json;
 
 constexpr int deepest = 64;
 
-// What differs between two times that the same is asked for, and what is said of it in words.
+// Members that differ between repetitions of the same conditions, and texts for users.
 constexpr const char* not_of_the_key[] = {"adds_to",    "command_line", "imported", "kept",          "ontime",
                                           "repetition", "require",      "scenario", "scenario_file", "search",
                                           "title",      "variant",      "varied"};

@@ -133,21 +133,21 @@ std::int64_t format_of(Connection& connection) {
   if (application == 0 && connection.number("SELECT count(*) FROM sqlite_schema") == 0) return 0;
   if (application != application_id)
     throw WrongFile(
-        fmt::format("{}: it is not a results file of ontime, but another program's SQLite database. Choose "
+        fmt::format("{}: it is another program's SQLite database, not a results file of ontime. Choose "
                     "another file.",
                     connection.name()));
   const auto version = connection.number("PRAGMA user_version");
   if (const bool newer = version > format_version; newer || version < 1)
-    throw WrongFile(fmt::format("{}: it has format {}, {}; this one knows formats 1 to {}. {} another file.",
-                                connection.name(), version,
-                                newer ? "from a newer ontime" : "which no ontime writes", format_version,
-                                newer ? "Update ontime, or choose" : "Choose"));
+    throw WrongFile(
+        fmt::format("{}: it has format {}, {}; this ontime reads formats 1 to {}. {} another file.",
+                    connection.name(), version, newer ? "from a newer ontime" : "which no ontime writes",
+                    format_version, newer ? "Update ontime, or choose" : "Choose"));
   for (const auto& table : tables_of(version))
     if (!has(connection, table))
-      throw WrongFile(
-          fmt::format("{}: its table `{}` is not as ontime makes it in format {}: it is damaged, or another "
-                      "program changed it. Choose another file.",
-                      connection.name(), table.name, version));
+      throw WrongFile(fmt::format(
+          "{}: its table `{}` does not match format {}: it is damaged, or another program changed it. "
+          "Choose another file.",
+          connection.name(), table.name, version));
   return version;
 }
 

@@ -77,11 +77,11 @@ struct Reading {
     if (!misfit || !misfit->empty()) into = std::move(value);
     return misfit;
   }
-  // What is no load was noted all the same: of an older ontime there is nothing.
+  // An invalid load still counts as noted: an older ontime noted none.
   static Misfit read(const json& from, std::optional<GivenLoad>& into) {
     return from.is_null() ? Misfit() : read(from, into.emplace());
   }
-  // A reason that is no text is one all the same.
+  // A reason that is not a text still counts as a reason.
   static Misfit read(const json& from, std::optional<std::string>& into) {
     if (!from.is_null()) into = from.is_string() ? from.get<std::string>() : text_of(from);
     return {};

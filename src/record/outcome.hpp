@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a record says of a run: what was asked, and what came of it beside the samples. Parsed once, when a
-// run is read. A record may be of another program or damaged: what is missing or of another kind is nothing,
-// 0 or empty, and `misfit` names the first of another kind. Plain data. Each struct lists its fields once, by
-// the names that records have for them.
+// A run's record: what was requested, and the outcome without the samples. Parsed once, when a run is read. A
+// record may be of another program or damaged: what is missing or of another kind is nothing, 0 or empty, and
+// `misfit` names the first of another kind. Plain data. Each struct lists its fields once, by the names that
+// records have for them.
 #pragma once
 
 #include <cstdint>
@@ -300,7 +300,7 @@ struct Outcome {
 // Whether both ends are known to have shared one kernel.
 bool on_one_machine(const Outcome&);
 
-// What another tool said of a run that was imported.
+// An imported run, as the other tool described it.
 struct Source {
   std::string from, file;
   std::optional<std::string> cmdline, start_time;
@@ -310,14 +310,14 @@ struct Source {
   }
 };
 
-// What was asked of a run. What a record does not state is 0 of times and the payload, else as by default.
+// What a run requested. If the record does not state a value: times and payload are 0, others the default.
 struct Asked : conditions::Run {
   Asked() : Asked(nlohmann::json()) {}
   Asked(nlohmann::json);  // what a record has; implicit as above
 
   nlohmann::json document;            // as it was recorded
   std::optional<std::string> misfit;  // as of an outcome; of its own fields, not of those of conditions::Run
-  // What it states by that name, such as "qos.depth"; null: nothing.
+  // The stated value of that name, such as "qos.depth"; null if not stated.
   const nlohmann::json& stated(const std::string& name) const {
     return conditions::member_of(document, name);
   }
@@ -340,10 +340,10 @@ struct Asked : conditions::Run {
   }
 };
 
-// What of a record is of another kind than ontime writes: "outcome.late"; empty if all is as it should be.
+// The first member of a record with an invalid type: "outcome.late"; empty if all are valid.
 std::string misfit_of(const Asked&, const Outcome&);
 
-// What an end says before a run, in the same form.
+// An end's report before a run, in the same form.
 Host host_of(const nlohmann::json&);
 
 }  // namespace ontime::record

@@ -24,10 +24,10 @@ void require_file(const std::string& path) {
                   error ? error.message() : "it is not a file"));
 }
 
-// What a killed Writer committed may lie in the log beside the file. SQLite needs to lock that log while
-// reading it, in a file of its own; where that cannot be made, no process can be writing either, but the log
-// cannot be read. And what a Writer was killed in the middle of, before there was a log, only another can
-// undo.
+// A killed Writer may leave committed data in the log (-wal) beside the file. SQLite locks that log while
+// reading, with another file (-shm). In a read-only folder it cannot create that file: no process writes
+// there, and the log cannot be read. Without a log, a write that was cut off leaves a -journal, which only a
+// process that may write can roll back.
 std::shared_ptr<Connection> connect(const std::string& path) {
   require_file(path);
   auto connection = std::make_shared<Connection>(path, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX);
@@ -45,16 +45,14 @@ std::shared_ptr<Connection> connect(const std::string& path) {
       return std::filesystem::exists(file, ignored) && std::filesystem::file_size(file, ignored) > 0;
     };
     if (const auto log = beside("-wal"); holds_something(log))
-      throw Error(fmt::format(
-          "{}: its newest samples are in {}, which cannot be read in a read-only place. Copy both "
-          "to a folder that permits writing, and read them there.",
-          path, log));
-    if (const auto journal = beside("-journal"); holds_something(journal))
       throw Error(
-          fmt::format("{}: a program was cut off while it changed the file, and what it changed must be "
-                      "undone first ({}). "
-                      "`sqlite3 FILE .tables` does that.",
-                      path, journal));
+          fmt::format("{}: its newest samples are in {}, which cannot be read in a read-only folder. Copy "
+                      "both files to a writable folder, and read them there.",
+                      path, log));
+    if (const auto journal = beside("-journal"); holds_something(journal))
+      throw Error(fmt::format(
+          "{}: a write was cut off and must be rolled back first ({}). Fix: `sqlite3 FILE .tables`.", path,
+          journal));
     return std::make_shared<Connection>(path, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, true);
   }
 }
@@ -103,14 +101,14 @@ class Texts {
 nlohmann::json parsed(const Connection& connection, std::int64_t run, const std::string& text) {
   if (text.empty()) return nullptr;
   if (auto value = json_of(text)) return *std::move(value);
-  damaged(connection, fmt::format("run {} holds no JSON", run));
+  damaged(connection, fmt::format("run {} is not JSON", run));
 }
 
 // Before the first message is sent it has no start_ns. As long as it is there, all that is read is of one
 // moment.
 Statement row_of(Connection& connection, std::int64_t run) {
   Statement row(connection, "SELECT start_ns FROM run WHERE number = ?");
-  if (!row.bind(run).next()) throw Error(fmt::format("{}: there is no run {}.", connection.name(), run));
+  if (!row.bind(run).next()) throw Error(fmt::format("{}: it has no run {}.", connection.name(), run));
   return row;
 }
 
@@ -136,7 +134,7 @@ roundtrip::Sample sample_of(Statement& row, std::int64_t index, std::int64_t sta
     damaged(connection, fmt::format("message {} skipped {} cycles", index, skipped));
   sample.skipped_cycles = static_cast<std::uint32_t>(skipped);
   sample.fate = static_cast<roundtrip::Fate>(fate);
-  if (!can_be(sample)) damaged(connection, fmt::format("the times of message {} cannot be", index));
+  if (!can_be(sample)) damaged(connection, fmt::format("the times of message {} are impossible", index));
   return sample;
 }
 
@@ -182,7 +180,7 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
     Note note{utf8_of(text_in(row, 1)), utf8_of(text_in(row, 2)), row.optional_integer(3), {}};
     const auto message = row.optional_integer(4);
     if (message.value_or(0) < 0 || !can_be(note.at_ns.value_or(0)))
-      damaged(*connection_, fmt::format("note {} is of a moment or a message that cannot be", number));
+      damaged(*connection_, fmt::format("note {} has an impossible time or message", number));
     if (message) note.message = static_cast<std::uint64_t>(*message);
     notes.push_back(std::move(note));
   }
@@ -205,10 +203,10 @@ void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)
     } catch (const trace::Error& error) {
       damaged(*connection_, fmt::format("a trace of message {} has {}", message, error.what()));
     } catch (const nlohmann::json::exception&) {
-      damaged(*connection_, fmt::format("a trace of message {} is none", message));
+      damaged(*connection_, fmt::format("a trace of message {} is invalid", message));
     }
     if (static_cast<std::int64_t>(trace.window.span.message) != message)
-      damaged(*connection_, fmt::format("a trace of message {} is of another", message));
+      damaged(*connection_, fmt::format("a trace of message {} belongs to another message", message));
     use(trace);
   }
 }

@@ -25,23 +25,23 @@ namespace ontime::record {
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
-// It is the file that is wrong (not a results file, a newer version, damaged), not this machine.
+// The file is unusable (not a results file, a newer version, damaged); the machine is fine.
 struct WrongFile : Error {
   using Error::Error;
 };
 
-// A run: what was asked, and, once it has ended, what came of it beside the samples (counters, threads,
-// hosts, conditions). A run that was cut off has no outcome; its samples are there all the same.
+// A run: what was requested, and, once it has ended, its outcome without the samples (counters, threads,
+// hosts, conditions). A run that was cut off has samples, but no outcome.
 struct Run {
   std::int64_t number = 0;  // from 1, in order of start
   Asked asked;
   Outcome outcome;
-  // Of what was asked, without what varies from one time to the next (repetition, title, versions, command
-  // line …): the same conditions have the same key, in every file and on every machine.
+  // Hash of what was requested, without repetition, title, versions, command line …: the same conditions have
+  // the same key, in every file and on every machine.
   std::string key;
 };
 
-// What the key is of; the same in one form, whichever version wrote it.
+// The input of the key, in one form for all versions.
 nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 

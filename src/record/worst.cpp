@@ -43,8 +43,8 @@ Worst::Worst(Connection& connection, std::uint64_t bytes)
   while (used_bytes() > most_bytes_ && !kept_.empty()) forget_least();
   if (const auto used = used_bytes(); used > most_bytes_)
     throw Error(fmt::format(
-        "{}: what is in it beside late messages takes {:.1f} MB, and three quarters of "
-        "what it may take are {:.1f} MB. Choose another file, or a greater bound.",
+        "{}: its data without late messages takes {:.1f} MB; at most {:.1f} MB (three quarters of the bound) "
+        "are allowed. Choose another file, or a greater bound.",
         connection_.name(), static_cast<double>(used) / 1e6, static_cast<double>(most_bytes_) / 1e6));
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a file goes so that it does not grow beyond a bound: the messages with a trace of those runs that
-// keep the worst only, the least bad first. Each call is within a transaction.
+// Keeps a file within a bound: deletes traced messages of runs that keep only the worst, the least bad first.
+// Each call is within a transaction.
 #pragma once
 
 #include <cstdint>
@@ -18,11 +18,11 @@ class Worst {
   // Makes the file that small; throws Error if it cannot.
   Worst(Connection&, std::uint64_t bytes);
 
-  // Whether one that was as bad has gone already; then this one has, too.
+  // Whether a message at least as bad was deleted already; then deletes this one too.
   bool is_too_good(std::int64_t run, std::int64_t message);
-  // For this message's trace of so many bytes; false: the others are worse, and it has gone.
+  // Makes room for this message's trace; false: the others are worse, and this one is deleted.
   bool make_room(std::int64_t run, std::int64_t message, std::uint64_t bytes);
-  // But those.
+  // All runs except those.
   void forget_old_runs(const std::set<std::int64_t>& but);
 
  private:

@@ -93,16 +93,16 @@ class Writer::Thread {
     throw Error(fmt::format("{}: {}.", database_.connection()->name(), what));
   }
   void require_open(std::int64_t run, const char* purpose) const {
-    if (!open_runs.contains(run)) refuse(fmt::format("there is no run {} under way to {}", run, purpose));
+    if (!open_runs.contains(run)) refuse(fmt::format("cannot {}: run {} is not open", purpose, run));
   }
   void require(std::int64_t run, const char* purpose) {
     if (!open_runs.contains(run) && !ask([&](Database& database) { return database.has_run(run); }))
-      refuse(fmt::format("there is no run {} to {}", run, purpose));
+      refuse(fmt::format("cannot {}: it has no run {}", purpose, run));
   }
   std::string checked_text_of(const nlohmann::json& value) const {
     auto text = text_of(value);
     if (json_of(text)) return text;
-    refuse("what is to be recorded of a run is too long or nested too deep: no Reader would take it back");
+    refuse("the record of a run is too long or too deeply nested to be read back");
   }
 
   Reader reader() const { return Reader(database_.connection()); }
@@ -180,7 +180,7 @@ Writer::Writer(const std::string& path) {
     if (::fstat(file, &made.emplace()) != 0) made.reset();
     ::close(file);
   } else if (!path.empty() && errno == EEXIST && !std::filesystem::is_regular_file(path, ignored)) {
-    throw WrongFile(fmt::format("{}: it is there, but not a file. Choose another name.", path));
+    throw WrongFile(fmt::format("{}: it exists, but is not a file. Choose another name.", path));
   }
   try {
     thread_ = std::make_unique<Thread>(path, made);
@@ -204,40 +204,40 @@ std::int64_t Writer::begin_run(const nlohmann::json& asked) {
 }
 
 void Writer::append(std::int64_t run, std::span<const roundtrip::Sample> samples) {
-  thread_->require_open(run, "add samples to");
+  thread_->require_open(run, "add samples");
   for (const auto& sample : samples)
     if (!can_be(sample) || static_cast<std::int64_t>(sample.index) < 0)
-      thread_->refuse(fmt::format("message {} of run {} is to have times that cannot be", sample.index, run));
+      thread_->refuse(fmt::format("message {} of run {} has impossible times", sample.index, run));
   if (samples.empty()) return;
   thread_->hand_over(samples.size(),
                      [&](Batch& batch) { batch.samples[run].emplace_back(samples.begin(), samples.end()); });
 }
 
 void Writer::note(std::int64_t run, const Note& note) {
-  thread_->require(run, "note something of");
+  thread_->require(run, "add a note");
   if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
-    thread_->refuse(fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
+    thread_->refuse(fmt::format("a note of run {} has an impossible time or message", run));
   thread_->hand_over(1 + note.text.size() / bytes_a_sample,
                      [&](Batch& batch) { batch.notes.emplace_back(run, note); });
 }
 
 void Writer::trace(std::int64_t run, const Trace& trace) {
-  thread_->require(run, "trace a message of");
+  thread_->require(run, "add a trace");
   const auto& span = trace.window.span;
   if (static_cast<std::int64_t>(span.message) < 0 || !can_be(span.from_ns) || !can_be(span.to_ns))
-    thread_->refuse(fmt::format("a trace of run {} is of a message that cannot be", run));
+    thread_->refuse(fmt::format("a trace of run {} has an impossible message", run));
   thread_->hand_over(0, [&](Batch& batch) { batch.traces.emplace_back(run, trace); });
 }
 
 void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
-  thread_->require_open(run, "end");
+  thread_->require_open(run, "end a run");
   const auto text = thread_->checked_text_of(outcome);
   thread_->ask([&](Database& database) { database.end_run(run, text); });
   thread_->open_runs.erase(run);
 }
 
 void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
-  thread_->require_open(run, "note an outcome of");
+  thread_->require_open(run, "add an outcome");
   auto text = thread_->checked_text_of(outcome);
   thread_->hand_over(text.size() / bytes_a_sample,
                      [&](Batch& batch) { batch.outcomes[run] = std::move(text); });

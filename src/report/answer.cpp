@@ -20,7 +20,7 @@ using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
 
-// What weighs on the machines and the link, and what was set against it, in a word each.
+// Stress on the machines and the link, and the settings against it, one word each.
 struct Conditions {
   std::string stress, tuned;
   bool is_listened = false;  // to a robot's own messages
@@ -40,8 +40,7 @@ Conditions conditions_of(const Summary& run) {
   return {join(stress, ", "), join(tuned, ", "), asked.is_listened()};
 }
 
-// "load, RT". That a machine was idle is known of a scenario alone: `ontime ping` does not know what else
-// runs.
+// "load, RT". Only a scenario says that a machine was idle: `ontime ping` does not know what else runs.
 std::string in_words(const Summary& run) {
   const auto [stress, tuned, is_listened] = conditions_of(run);
   const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
@@ -162,7 +161,7 @@ std::string all_words(const Conditions& conditions) {
   return stress_words(conditions.stress) + " " + tuned_words(conditions.tuned);
 }
 
-// "within 10 ms", or where runs have several deadlines "in time", or where they have none that there is none.
+// "within 10 ms"; with several deadlines "in time"; without one a note that none is set.
 std::string in_time(const std::vector<Class>& classes) {
   const auto deadline_of = [](const Entry* entry) {
     return entry->runs.front()->run.asked.task.client.deadline;
@@ -171,12 +170,12 @@ std::string in_time(const std::vector<Class>& classes) {
   for (const auto& one : classes)
     for (const auto* entry : one.entries)
       if (deadline_of(entry) != deadline) return "in time";
-  return deadline.count() > 0 ? "within " + duration(deadline) : "(no deadline was stated)";
+  return deadline.count() > 0 ? "within " + duration(deadline) : "(no deadline set)";
 }
 
 const Class* contrast_of(const std::vector<Class>& classes, const Class& worst) {
   const Class* best = nullptr;
-  const auto rank = [&](const Class& one) {  // what was set against it tells more than what weighed
+  const auto rank = [&](const Class& one) {  // the same stress tells more than the same settings
     return one.conditions.stress == worst.conditions.stress ? 2
            : one.conditions.tuned == worst.conditions.tuned ? 1
                                                             : 0;
@@ -205,14 +204,13 @@ std::string sentence_of_listened(const Class& all) {
   const bool knows_loss = std::ranges::any_of(
       all.entries, [](const Entry* entry) { return statistics::knows_loss(entry->runs.front()->run); });
   if (all.high > 0)
-    return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
-  const std::string none_can = "None can be late: no limit was stated (--deadline, --period, --age).";
-  if (!knows_loss)
-    return (has_limit ? "No message was late." : none_can) + " Whether any was lost is not known.";
+    return fmt::format("{} of the messages were late or lost{}.", all.range(), worst_named(all));
+  const std::string none_can = "No limit is set (--deadline, --period, --age): no message counts as late.";
+  if (!knows_loss) return (has_limit ? "No message was late." : none_can) + " Lost messages are unknown.";
   return has_limit ? "No message was late or lost." : "No message was lost. " + none_can;
 }
 
-// Of one class all together; of two their contrast; never pooled over opposite conditions.
+// One class: its total. Two classes: their contrast. Never pooled over opposite conditions.
 std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast,
                         bool is_of_all) {
   if (worst->conditions.is_listened) return sentence_of_listened(*worst);
@@ -353,7 +351,7 @@ State state_of(const Summary& run) {
     default:
       break;
   }
-  // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
+  // `ontime listen` requests nothing: its late and lost messages count even where samples are missing.
   return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
 }
 
@@ -389,7 +387,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   auto classes = classes_of(entries, as_requested);
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
-  // Of round trips and of what was listened to, the round trips: those were an experiment.
+  // With both round trips and listened messages, the sentence is about the round trips: the experiment.
   if (!std::ranges::all_of(classes, is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;

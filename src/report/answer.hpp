@@ -14,17 +14,17 @@
 
 namespace ontime::report {
 
-// Whence the runs are, for commands that can be pasted.
+// Where the runs come from, for commands that users paste.
 struct Origin {
   std::string file;      // the results file; empty: none was kept
   bool is_root = false;  // commands need no sudo
 };
 
 struct Answer {
-  enum class State { ok, late, not_applied, cut_off, failed, imported };  // of repetitions the greatest
+  enum class State { ok, late, not_applied, cut_off, failed, imported };  // the worst one of the repetitions
   struct Spread {  // of repetitions; of one run all three are the same
     double low_ns = 0, median_ns = 0, high_ns = 0;
-    bool is_least = false;  // it lies beyond an imported histogram: so long, or longer
+    bool is_least = false;  // beyond an imported histogram: a lower limit
   };
   // A run, or its repetitions together.
   struct Row {

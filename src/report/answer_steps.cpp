@@ -17,8 +17,8 @@ namespace {
 
 using statistics::Summary;
 
-// Nothing of what a terminal might show as another: a results file may come from any source, and its commands
-// are to be pasted.
+// A results file may come from any source, and users paste these commands: no command with a character that a
+// terminal may show as another.
 std::optional<std::string> shell_line(const std::vector<std::string>& words) {
   for (const auto& word : words)
     if (printable(word) != word) return std::nullopt;
@@ -54,7 +54,7 @@ constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
 
-// Those of these options with which the scenario was carried out, and their values; of the lab's, all.
+// The wanted options of the scenario's command line, with their values; and all options of the lab.
 std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;

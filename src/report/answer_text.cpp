@@ -31,7 +31,7 @@ std::string missed_of(const Row& row, bool with_cycles) {
   if (row.missed == 0) return text;
   const double share =
       static_cast<double>(row.missed) * 100 / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-  // One is never nothing: "0.0005 %". And all is more than nearly all: "99.9 %".
+  // More than 0 never prints as 0: "0.0005 %". Less than all never prints as 100: "99.9 %".
   const int decimals = share < 0.005                  ? decimals_that_show(share)
                        : share < 0.095                ? 2
                        : share < 9.5                  ? 1

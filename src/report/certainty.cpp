@@ -23,7 +23,7 @@ using statistics::Probability;
 using statistics::Summary;
 
 constexpr double one_in_a_million = 1e-6;
-constexpr double worth_a_word = 3;  // a design effect by which a bound is wider than people expect
+constexpr double worth_a_word = 3;  // a design effect that widens a bound more than users expect
 
 std::string interval(const Interval& ns) {
   if (!ns.low && !ns.high) return nothing;
@@ -56,7 +56,7 @@ std::string note_of(const Summary& summary) {
   if (missed.events > 0) {
     const auto& bursts = summary.bursts;
     if (bursts.count == 0) return "never two late or lost in a row";
-    return fmt::format("{} of late or lost messages in a row, the longest of {} messages, {}",
+    return fmt::format("{} of consecutive late or lost messages; longest: {} messages, {}",
                        many(bursts.count, "burst", "bursts"), bursts.longest,
                        time(static_cast<double>(bursts.longest_ns)));
   }
@@ -66,15 +66,16 @@ std::string note_of(const Summary& summary) {
   const auto takes =
       summary.message_every_ns > 0 ? ", " + time(messages * summary.message_every_ns) : std::string();
   const bool late = statistics::knows_late(summary.run), loss = statistics::knows_loss(summary.run);
-  return fmt::format("none {}{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
-                     late && loss ? "late or lost"
-                     : late       ? "late"
-                                  : "lost",
-                     missed.effect < worth_a_word
-                         ? ""
-                         : fmt::format("; slow answers came in bursts, so {} messages count as {:.0f}",
-                                       grouped(missed.messages), std::max(effective, 1.0)),
-                     messages / 1e6, takes);
+  return fmt::format(
+      "none {}{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
+      late && loss ? "late or lost"
+      : late       ? "late"
+                   : "lost",
+      missed.effect < worth_a_word
+          ? ""
+          : fmt::format("; slow answers come in bursts: {} messages, effective sample size {:.0f}",
+                        grouped(missed.messages), std::max(effective, 1.0)),
+      messages / 1e6, takes);
 }
 
 ordered_json in_us(const std::optional<double>& ns) {
@@ -133,15 +134,15 @@ std::string older_note(const Group& runs) {
     int major = 0, minor = 0;
     if (std::sscanf(version.c_str(), "%d.%d", &major, &minor) == 2 && major == 0 && minor < 2)
       return fmt::format(
-          "measured by ontime {}: intervals, worst cases and gates are computed anew and may differ from "
-          "what it printed",
+          "measured by ontime {}: intervals, worst cases and gates are recomputed and may differ from its "
+          "output",
           printable(version));
   }
   return "";
 }
 
-// Where one of the two ways is refused, the other stands on the same ground. What both say, each with its own
-// figure in brackets, is said once.
+// Both methods use the same data: one refusal refuses both. A reason that both give, each with its own number
+// in brackets, appears once.
 std::string refusal_of(const Extremes& of) {
   std::vector<std::string> reasons;
   if (!of.refused.empty()) reasons.push_back(of.refused);
@@ -166,7 +167,7 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
     if (runs[i]->round_trip.count == 0) continue;
     const auto why = refusal_of(of);
     if (why.empty()) continue;
-    const auto common = why.substr(0, std::min(why.find(" ("), why.find(", and there")));
+    const auto common = why.substr(0, why.find(" ("));
     auto& reason = entry_of(reasons, common);
     if (reason.runs.empty()) reason.text = why;
     reason.same = reason.same && reason.text == why;
@@ -175,8 +176,8 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
   std::vector<std::string> notes;
   notes.reserve(reasons.size());
   for (const auto& [common, reason] : reasons)
-    notes.push_back(name_of_some(names, reason.runs) + ": no extrapolated worst case, because " +
-                    (reason.same ? reason.text : common));
+    notes.push_back(name_of_some(names, reason.runs) +
+                    ": no extrapolated worst case: " + (reason.same ? reason.text : common));
   return notes;
 }
 
@@ -201,11 +202,10 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
 
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"",
-              "Extrapolated worst case: the level that 1 in so many answers exceeds, by extreme-value "
-              "theory, with its 95 % confidence interval. Fit, trend: p-values; small ones speak against the "
-              "level.",
-              columns_of("Slowest (µs)", {"Seen", "1 in", "By block\nmaxima", "Fit",
-                                          "By peaks over\na threshold", "Fit", "Trend"})};
+              "Extrapolated worst case: the level that 1 in N answers exceeds (extreme-value theory), with "
+              "its 95 % confidence interval. Fit, trend: p-values; a small one makes the level doubtful.",
+              columns_of("Slowest (µs)",
+                         {"Seen", "1 in", "Block\nmaxima", "Fit", "Peaks over\nthreshold", "Fit", "Trend"})};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;
@@ -220,21 +220,20 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
                           fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
                           level(of.peaks), fit(of.peaks), of.maxima ? p_value(of.trend_p) : nothing});
     if (of.exceedance > one_in_a_million)
-      table.notes.push_back(
-          fmt::format("{}: the level that 1 in a million exceeds takes {:.1f} million answers", labels[i],
-                      of.answers_for_a_million / 1e6));
+      table.notes.push_back(fmt::format("{}: a level for 10⁻⁶ exceedance needs {:.1f} million answers",
+                                        labels[i], of.answers_for_a_million / 1e6));
   }
   return table;
 }
 
 Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{.columns = columns_of("p99.9 (µs)",
-                                    {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})};
+  Table table{.columns = columns_of("p99.9 (µs)", {"Wake-up\nlatency", "Request\nleg", "Server\nturnaround",
+                                                   "Reply\nleg", "Round\ntrip", "Response\ntime"})};
   const auto cell = [](const statistics::Distribution& of) { return percentile(of, Figure::p99_9); };
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = *runs[i];
     const auto parts = run.parts.value_or(statistics::Parts{});
-    if (run.run.asked.is_listened()) continue;  // it has one stage
+    if (run.run.asked.is_listened()) continue;  // only one stage
     if (run.response.count < statistics::metric_of(Figure::p99_9).one_in) continue;
     table.rows.push_back({labels[i], cell(run.wake_up), cell(parts.there), cell(run.server), cell(parts.back),
                           cell(run.round_trip), cell(run.response)});

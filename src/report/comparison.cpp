@@ -45,7 +45,7 @@ const char* word_of(Verdict verdict) {
   return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
 }
 
-// Of single runs only what was measured: the next start may turn it round.
+// Single runs get no verdict: the next start may reverse the difference.
 const char* word_of(const statistics::Change& change) {
   if (change.repeated || change.tendency == Tendency::unclear) return word_of(change.verdict());
   return change.tendency == Tendency::less ? "lower" : "higher";
@@ -76,8 +76,8 @@ std::string lies(const Row& row, const statistics::Change& change) {
               [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
 
-// Whether so much lies within that it tells nothing: both a tenth of all messages more and as many less, both
-// half as much and twice.
+// Whether the interval is too wide to tell anything: it holds both 10 % of all messages less and 10 % more,
+// or both half and twice the value.
 bool tells_nothing(const Row& row, const statistics::Change& change) {
   if (change.tendency != Tendency::unclear) return false;
   const auto beyond = [](const statistics::Interval& lies, double low, double high) {
@@ -104,7 +104,7 @@ Table table_of(const Pair& pair) {
   for (const auto& row : rows) {
     const auto change = change_of(pair, row.times, row.figure);
     if (!change) continue;
-    // Not known: the figure is far out, or the messages, or the runs, were few.
+    // A far percentile, or few messages or runs, leave it unknown.
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
@@ -114,13 +114,13 @@ Table table_of(const Pair& pair) {
                                                                   : "too few messages"});
   }
   if (table.rows.empty())
-    table.notes.push_back("nothing to compare: no message was answered, or no run was measured to its end");
+    table.notes.push_back("nothing to compare: no message was answered, or no run is complete");
   table.notes.insert(table.notes.begin(), fmt::format("A: {}; B: {}", many(pair.from.size(), "run", "runs"),
                                                       many(pair.to.size(), "run", "runs")));
   if (!table.rows.empty() && !is_repeated(pair))
     table.notes.push_back(
-        "one run on a side does not show what changes from one start to the next: repeat the runs "
-        "(repeat: 5) to tell better from worse");
+        "one run per side cannot tell better from worse: its start-to-start variation is unknown. Fix: "
+        "repeat: 5");
   std::vector<std::string> names;
   Runs named;
   for (const auto* runs : {&pair.from, &pair.to})
@@ -132,22 +132,22 @@ Table table_of(const Pair& pair) {
         table.notes.push_back(fmt::format("left out: {}: {}", name, gate::unfit(*run)));
       else if (run->round_trip.count == 0)
         table.notes.push_back(
-            fmt::format("left out of all but late and lost: {}, nothing was answered", name));
+            fmt::format("left out except for late and lost: {}: no message was answered", name));
       if (const auto text = statistics::shift_text(*run); !text.empty())
         table.notes.push_back(fmt::format("{}: {}", name, text));
     }
   for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
   if (const auto text = list_of(differences(pair)); !text.empty())
-    table.notes.push_back("not the same (A → B): " + text);
+    table.notes.push_back("also different (A → B): " + text);
   for (const auto* runs : {&pair.from, &pair.to})
     if (const auto text = older_note(*runs); !text.empty())
       table.notes.push_back(fmt::format("{} was {}", runs == &pair.from ? "A" : "B", text));
   return table;
 }
 
-// Of imported values, whose order in time is unknown.
+// Imported values have no order in time.
 Table imported_table_of(const Pair& pair) {
-  Table table{gate::name_of(pair.to), "imported: waking up; no interval can be given, and so nothing told",
+  Table table{gate::name_of(pair.to), "imported wake-up latencies; no confidence interval, so no verdict",
               columns_of("Wake-up (µs)", {"A", "B"})};
   const auto& from = *pair.from.front();
   const auto& to = *pair.to.front();
@@ -155,9 +155,9 @@ Table imported_table_of(const Pair& pair) {
     table.rows.push_back(
         {row.name, imported_percentile(from, row.figure), imported_percentile(to, row.figure)});
   table.rows.push_back({"max", microseconds(from.wake_up.max), microseconds(to.wake_up.max)});
-  if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
+  if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown: the first run of each side");
   if (const auto text = list_of(differences(pair)); !text.empty())
-    table.notes.push_back("not the same (A → B): " + text);
+    table.notes.push_back("also different (A → B): " + text);
   return table;
 }
 
@@ -232,7 +232,7 @@ ordered_json json_of(const Pair& pair) {
           {"not_the_same", not_the_same}};
 }
 
-// Of all without a partner, the two that differ least, and in what.
+// Of all runs without a partner, the two that differ least, and their differences.
 std::string nearest(const Comparison& comparison) {
   constexpr std::size_t most = 20;  // of a side: each is held against each
   std::string nearest;
@@ -264,8 +264,7 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
   for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
   if (!page.tables.empty())
     page.legend =
-        "98 % interval: it holds the true change with 98 % confidence. Cannot tell: chance may explain the "
-        "difference.";
+        "98 % interval: confidence interval of the change. Cannot tell: chance may explain the difference.";
   return page;
 }
 

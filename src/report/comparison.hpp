@@ -16,8 +16,7 @@
 
 namespace ontime::report {
 
-// Those of A and of B that have the same key, repetitions together, in A's order. It points into what was
-// given.
+// The runs of A and B with the same key, repetitions together, in A's order. Points into its arguments.
 struct Comparison {
   using Runs = std::vector<const statistics::Summary*>;
   struct Pair {
@@ -28,21 +27,21 @@ struct Comparison {
   std::vector<Runs> only_from, only_to;  // those without a partner
 };
 Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<statistics::Summary>& b);
-// Of runs that were chosen, whose keys differ: those whose conditions are the same in transports, options,
-// what receives and what tells variants apart; or, if either side has only one kind, that.
+// For chosen runs with different keys: pairs those with the same transports, options, receiving method and
+// variant; or the only kind of each side.
 Comparison compare_chosen(const std::vector<statistics::Summary>& a,
                           const std::vector<statistics::Summary>& b);
-// Of runs of one suite: those with the value `from` of a scenario's key (such as "kernel.threaded-napi")
-// against those with the value `to`, all else alike.
+// For runs of one suite: those with the value `from` of a scenario's key (such as "kernel.threaded-napi")
+// against those with the value `to`, everything else equal.
 Comparison compare_by(const std::vector<statistics::Summary>&, const std::string& key,
                       const std::string& from, const std::string& to);
-// The values that runs have of it, in the order of the runs; `unset` of those that have none.
+// The runs' values of a key, in the order of the runs; `unset` for runs without one.
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 
-// Of a side, the runs that do not lack samples: others are left out.
+// The runs of one side without missing samples; the others are left out.
 Comparison::Runs whole(const Comparison::Runs&);
-// Of whole runs. Nothing: one of the sides does not have it.
+// For whole runs. Nothing: one side does not have the metric.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
 bool is_repeated(const Comparison::Pair&);            // by two runs or more on each side
 bool has_run_on_both_sides(const Comparison::Pair&);  // of one file: by the numbers of the runs
@@ -54,8 +53,8 @@ std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&
 // and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
-// What was not the same on both sides, beside what was measured: "controller kernel_release", and what it was
-// on either; several values where repetitions have several. Of whole runs; none if a side has none.
+// A condition that differs between the sides, such as "controller kernel_release", with both values; several
+// values where repetitions have several. For whole runs; none if a side has no whole run.
 struct Difference {
   std::string what, from, to;
 };

@@ -21,8 +21,8 @@ using Pair = Comparison::Pair;
 
 constexpr std::size_t most_pairs = 9, most_cautions = 3, lines_of_differences = 3;
 
-// What the two sides of a pair had to offer, most telling first. A side that does not know its cycles knows
-// its late messages; one without a limit only what was lost.
+// How a pair counts misses, the most telling way first. A side without cycles counts late messages; a side
+// without a limit only lost ones.
 struct Missed {
   Times times;
   Figure figure;
@@ -108,7 +108,7 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   return table;
 }
 
-// Of many settings that belong together, how many: "realtime: false → true; realtime_settings (11 values)".
+// Settings that belong together become a count: "realtime: false → true; realtime_settings (11 values)".
 std::string differences_text(const Comparison& comparison) {
   std::vector<std::pair<std::string, std::vector<Difference>>> kinds;
   for (const auto& pair : comparison.pairs)
@@ -153,9 +153,7 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
       if (remark.weight == weight) cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
   };
   add(Remark::Weight::not_applied);
-  if (!repeated)
-    cautions.emplace_back(
-        "one run on a side does not show what changes from one start to the next (repeat: 5)");
+  if (!repeated) cautions.emplace_back("one run per side: start-to-start variation unknown. Fix: repeat: 5");
   add(Remark::Weight::caution);
   return cautions;
 }
@@ -164,7 +162,7 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
   if (std::ranges::all_of(comparison.pairs, [](const Pair& pair) {
         return whole(pair.from).empty() || whole(pair.to).empty();
       }))
-    return "Nothing can be compared: every run of a side is left out.";
+    return "Nothing to compare: all runs of one side are left out.";
   const auto* const missed = missed_of(comparison.pairs.front());
   const auto metric = [](Times times, Figure figure) {
     return [=](const Pair& pair) { return change_of(pair, times, figure); };
@@ -208,7 +206,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   }
   const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
   text += wrapped(
-      printable(fmt::format("{} → {}; {} in ms; runs a row: {} and {}", comparison.from_name,
+      printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}", comparison.from_name,
                             comparison.to_name, all_listened(first) ? "times" : "round trips", from, to)),
       width);
   auto table =
@@ -217,7 +215,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   text += table;
   if (names.size() > most_pairs)
     text += fmt::format("… and {}\n", many(names.size() - most_pairs, "more", "more"));
-  if (table.find('*') != table.npos) text += wrapped("* chance does not explain it (98 % confidence)", width);
+  if (table.find('*') != table.npos) text += wrapped("* statistically significant (98 % confidence)", width);
   const auto add_list = [&](const char* heading, const std::string& list) {
     if (!list.empty())
       text += wrapped(heading + shortened(printable(list), lines_of_differences * width - 24), width);
@@ -228,7 +226,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
     for (const auto& runs : *side)
       alone.push_back(fmt::format("{} of {}", gate::name_of(runs),
                                   side == &comparison.only_from ? comparison.from_name : comparison.to_name));
-  add_list("Without a partner: ", join(alone, ", "));
+  add_list("Only on one side: ", join(alone, ", "));
   const auto cautions = cautions_of(comparison);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);

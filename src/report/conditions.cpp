@@ -25,15 +25,15 @@ using Texts = std::map<std::string, std::string>;
 
 constexpr std::size_t longest_value = 40;  // of an option; the whole is in JSON and CSV
 
-// What an end says it took where nothing was asked, and without which a run of ROS 2 has no name, or one of
-// xdp is taken for another.
+// Options that an end chose itself where none was requested. Without them runs of ROS 2, or of xdp, cannot be
+// told apart.
 constexpr std::initializer_list<const char*> told_by_facts = {"rmw", "executor", "xdp"};
 
 // A condition of a run.
 struct Phrase {
   std::string key;               // as a scenario has it
   std::string text;              // for people
-  bool in_labels_alone = false;  // it is no news where it is the same in all
+  bool in_labels_alone = false;  // not shown where it is the same in all runs
 };
 
 // "every 10 ms"; "": the record does not say it.
@@ -79,8 +79,8 @@ std::string traffic(const conditions::Traffic& traffic) {
   return text;
 }
 
-// "4 neighbours of 1 KiB each way, reliable", "at 100 Hz", "in another process": each may be what runs differ
-// in.
+// "4 background topics of 1 KiB each way, reliable", "at 100 Hz", "in another process": runs may differ in
+// each.
 void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
   static constexpr const char* places[] = {"in the same callback group",
                                            "in another callback group of the node",
@@ -91,10 +91,11 @@ void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
                                            "in another process"};
   const auto& neighbours = asked.task.neighbours;
   if (neighbours.topics == 0) return;
-  auto text = fmt::format("{} of {} {}, {}",
-                          many(static_cast<std::uint64_t>(neighbours.topics), "neighbour", "neighbours"),
-                          size(neighbours.payload_bytes), direction(neighbours.there, neighbours.back),
-                          conditions::word_of(neighbours.reliability));
+  auto text = fmt::format(
+      "{} of {} {}, {}",
+      many(static_cast<std::uint64_t>(neighbours.topics), "background topic", "background topics"),
+      size(neighbours.payload_bytes), direction(neighbours.there, neighbours.back),
+      conditions::word_of(neighbours.reliability));
   if (neighbours.priority > 0) text += fmt::format(" with SCHED_FIFO {}", neighbours.priority);
   phrases.push_back({"neighbours", text});
   const double hz = 1e9 / static_cast<double>(neighbours.period.count());
@@ -138,7 +139,7 @@ std::string quality_of_service(const transport::Qos& qos) {
   return text;
 }
 
-// The transport's options of an end, as asked for, or else as the end said that it took them.
+// The transport's options of an end: as requested, or else as the end reports them.
 Texts options_of(const Texts& asked, const record::Outcome& outcome, const char* host) {
   Texts options;
   for (const auto& [name, value] : asked) options[printable(name)] = printable(value);
@@ -209,7 +210,7 @@ void add_topics(std::vector<Phrase>& phrases, const Asked& asked) {
     phrases.push_back({"topics", fmt::format("topics {} and {}", ping, pong)});
 }
 
-// The conditions of a run in words, each for itself; nothing of what its record does not say.
+// The conditions of a run in words, one phrase each; only those that its record has.
 std::vector<Phrase> phrases_of(const Summary& summary) {
   const auto& asked = summary.run.asked;
   const auto& client = asked.task.client;
@@ -239,7 +240,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
       summary.run.outcome.hosts, [](const auto& host) { return !host.second.refusals.empty(); });
   add("realtime", "realtime",
       !asked.task.realtime.on ? "SCHED_OTHER"
-      : any_refused           ? "real-time settings, not all given (see below)"
+      : any_refused           ? "real-time settings, some denied (see below)"
                               : "real-time settings");
   say({"payload", "period", "schedule", "launch-time", "deadline", "timeout"});
   add("qos", "qos", quality_of_service(asked.task.config.qos));
@@ -269,7 +270,7 @@ const Phrase* find(const std::vector<Phrase>& phrases, const std::string& key) {
   return found == phrases.end() ? nullptr : &*found;
 }
 
-// Whether a run of which this is not known may have had it all the same: it failed before it could say.
+// Whether a run may have had a condition that its record lacks: it failed before it could report it.
 bool may_have(const Summary& summary, const std::string& key) {
   const bool by_facts = std::ranges::any_of(told_by_facts, [&](const char* name) {
     return key == fmt::format("options.{}", name) || key == fmt::format("component.options.{}", name);
@@ -277,7 +278,7 @@ bool may_have(const Summary& summary, const std::string& key) {
   return by_facts && summary.run.outcome.hosts.empty();
 }
 
-// What all of a group have in common, in words, and of each what not all have.
+// What all runs of a group share, in words, and for each run what not all share.
 struct Compared {
   std::vector<Phrase> shared;
   std::vector<std::vector<Phrase>> own;
@@ -303,8 +304,9 @@ Compared compare(const Group& group) {
   return result;
 }
 
-// What a scenario's lists made: {{"payload", "32 KiB"}, {"realtime.priority", "50"}}. Of earlier records,
-// which have it as words alone, it is told where a key begins: a value may have commas of its own.
+// The values that a scenario's lists gave this run: {{"payload", "32 KiB"}, {"realtime.priority", "50"}}.
+// Earlier records have them as one text: there a part begins a new pair if it starts with a key, since a
+// value may contain commas.
 std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) {
   const auto& run = summary.run.asked;
   if (!run.varied.empty() || run.variant.empty()) return run.varied;
@@ -325,7 +327,7 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
   return varied;
 }
 
-// What of it is of conditions that have words of their own is in those: "qos.depth" in "qos". The transport
+// Adds the varied values that no phrase shows yet: "qos.depth" is already in the phrase "qos". The transport
 // begins the label.
 void add_variant(std::string& label, const Summary& summary, const std::vector<Phrase>& phrases) {
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
@@ -341,8 +343,8 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
   }
 }
 
-// Runs of other conditions are no repetitions, though this ontime may have no words for what differs: they
-// get the number of the first run of theirs.
+// Runs with different keys are not repetitions, even if this ontime has no words for the difference: their
+// labels get the number of the first run with that key.
 void tell_conditions_apart(std::vector<std::string>& labels, const Group& group) {
   using Firsts = std::map<std::string, std::int64_t>;  // by key
   std::map<std::pair<std::string, std::string>, Firsts> by_label;

@@ -11,21 +11,21 @@
 
 namespace ontime::report {
 
-// Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
-// their number.
+// A label for each run of a group: its transport, and in words what is not the same in all of them.
+// Repetitions have their number.
 std::vector<std::string> labels_of(const Group&);
 // Repetitions of a run have the same label, and only they.
 std::vector<std::string> labels_without_repetition(const Group&);
-// Those that still are alike get the number of their run.
+// Equal labels get the number of their run.
 void tell_apart(std::vector<std::string>& labels, const Group&);
 std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 
 // The value of a field in a record: "10 ms".
 std::string words_of(const conditions::Field&, const nlohmann::json& value);
-// Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
+// A host's requested load: "8 cpu, 2 vm of 64 MiB"; empty without a load.
 std::string workers(const conditions::Workers&);
 
-// What is the same in all of them.
+// The conditions that all of them share.
 std::vector<std::string> shared_conditions(const Group&);
 // "10 ms", where all of them have this time; else `otherwise`.
 using ClientTime = std::chrono::nanoseconds roundtrip::ClientOptions::*;
@@ -41,8 +41,8 @@ struct Differences {
 Differences differences_between(const Group&);
 
 // The options of the transports at the two ends of runs, a column each: "option.executor",
-// "component_option.rmw", those of the component where they are its own. As asked for, or, of RMW and
-// executor where nothing was asked, as the end said that it took them.
+// "component_option.rmw" if the component's differ. As requested; for RMW and executor without a request, as
+// the end reports them.
 class OptionColumns {
  public:
   explicit OptionColumns(const Summaries&);

@@ -16,7 +16,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t longest_difference = 60;
-// What is another each time.
+// Differs in every run.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
 // By name, all values that runs have of it.

@@ -25,7 +25,7 @@ constexpr std::int64_t worth_naming_ns = 20'000;  // of a message that was on ti
 std::string of_the_delay(const Group& group) {
   if (group.most_ns == 0) return "";
   const auto least = span_of(group.least_ns), most = span_of(group.most_ns);
-  return least == most ? ": " + most + " of it" : fmt::format(": {} to {} of it", least, most);
+  return least == most ? ": " + most : fmt::format(": {} to {}", least, most);
 }
 
 // Text and Markdown differ in how a list is written.
@@ -56,9 +56,9 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
   if (causes.empty()) {
     const auto& words = one.run.asked.command_line;
     const bool is_recording = words.size() > 1 && words[1] == "import";
-    return fmt::format("{0}{1}: no cause is known: {2}{0}\n", marks.heading, name_of(one),
-                       is_recording ? "a recording does not tell what the kernel did"
-                                    : "`listen` looks for causes as root, without --no-explain, and while no "
+    return fmt::format("{0}{1}: causes unknown: {2}{0}\n", marks.heading, name_of(one),
+                       is_recording ? "a recording has no kernel events"
+                                    : "`listen` finds causes only as root, without --no-explain, while no "
                                       "other ontime traces");
   }
   const auto which = one.run.asked.keeps_worst()
@@ -78,7 +78,7 @@ std::string text_of(const Explained& one, const Marks& marks) {
   const auto heading = [&](const std::string& rest) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
   };
-  if (!account.traced) return heading("it was measured without `explain: on`, so the cause is unknown");
+  if (!account.traced) return heading("causes unknown: measured without `explain: on`");
   const auto faults = faults_of(account);
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
@@ -92,8 +92,8 @@ std::string text_of(const Explained& one, const Marks& marks) {
       account.messages, [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
   if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
       slowest->parts.front().cause != Cause::unknown)
-    text += fmt::format("{}the slowest of those on time, message {}: {}, {} of {}\n", marks.item,
-                        slowest->sample.index, printable(explain::sentence_of(slowest->parts.front())),
+    text += fmt::format("{}slowest on time, message {}: {}, {} of {}\n", marks.item, slowest->sample.index,
+                        printable(explain::sentence_of(slowest->parts.front())),
                         span_of(slowest->parts.front().ns), span_of(slowest->delay_ns));
   for (const auto& limit : account.limits) text += fmt::format("{}{}\n", marks.item, printable(limit));
   return text;
@@ -113,8 +113,7 @@ std::string text_of(const Explained& one, const Message& message, const Marks& m
     if (const auto remedy = explain::text_of(explain::remedy_for(message.parts.front(), one.run));
         !remedy.empty())
       text += fmt::format("{}{}\n", marks.below, printable(remedy));
-  if (!message.whole)
-    text += fmt::format("{}a part of what the kernel did around it is not known\n", marks.item);
+  if (!message.whole) text += fmt::format("{}some kernel events around it are missing\n", marks.item);
   return text;
 }
 
@@ -130,7 +129,7 @@ ordered_json json_of(const Part& part) {
 
 ordered_json json_of(const Message& message) {
   return {{"message", message.sample.index},
-          {"fate", word_of(message)},
+          {"fate", message.late_by_response ? "late by response" : word_of(message.sample.fate)},
           {"delay_us", static_cast<double>(message.delay_ns) / 1e3},
           {"whole", message.whole},
           {"parts", array_of(message.parts, [](const Part& part) { return json_of(part); })}};
@@ -175,7 +174,7 @@ ordered_json json_of(const Explained& one) {
 }  // namespace
 
 const char* word_of(const Message& message) {
-  return message.late_by_response ? "late by response" : word_of(message.sample.fate);
+  return message.late_by_response ? "late by response time" : word_of(message.sample.fate);
 }
 
 const char* word_of(explain::State state) {
@@ -200,7 +199,7 @@ std::string faults_of(const Account& account) {
   if (account.late + account.lost + account.late_by_response == 0) return "";
   auto text = fmt::format("{} late, {} lost", grouped(account.late), grouped(account.lost));
   if (account.late_by_response > 0)
-    text += fmt::format(", {} more late by response", grouped(account.late_by_response));
+    text += fmt::format(", {} more late by response time", grouped(account.late_by_response));
   return text;
 }
 

@@ -30,9 +30,9 @@ std::string perfetto_of(const record::Reader&, const record::Run&, const std::ve
 // Its words, all of them printable.
 const char* word_of(const explain::Message&);  // its fate
 const char* word_of(explain::State);
-std::string faults_of(const explain::Account&);  // "2 late, 0 lost, 3 more late by response"; "": none
+std::string faults_of(const explain::Account&);  // "2 late, 0 lost, 3 more late by response time"
 std::string span_of(std::int64_t ns);            // "310 µs", "41.2 ms"
-// "pong's receive thread waited for a CPU while hog [4 processes] ran: 4.0 ms to 30.0 ms of it".
+// "pong's receive thread waited for a CPU while hog [4 processes] ran: 4.0 ms to 30.0 ms".
 std::string sentence_of(const explain::Group&);
 
 }  // namespace ontime::report

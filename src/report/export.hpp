@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What other programs read of results, in forms that are not ontime's own.
+// Results in formats of other programs.
 // Ordinary thread.
 #pragma once
 
@@ -21,8 +21,8 @@ std::optional<SampleFormat> sample_format_of(const std::string& word);
 void export_samples(const record::Reader&, const std::vector<record::Run>&, SampleFormat,
                     const std::function<void(std::string_view)>& write);
 
-// What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
-// is a failure, what could not be judged an error.
+// Results of gates for a CI: JUnit XML as Jenkins, GitLab and GitHub Actions read it. A missed gate is a
+// failure; a gate that cannot be judged is an error.
 std::string junit(const std::vector<gate::Judgement>&);
 
 }  // namespace ontime::report

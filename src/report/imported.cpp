@@ -21,7 +21,7 @@ std::string source_of(const Summary& summary) {
   if (source.start_time) text += ", of " + word(*source.start_time);
   if (source.cmdline) text += fmt::format(", `{}`", word(*source.cmdline));
   if (imported.beyond > 0)
-    text += fmt::format("; {} of its values are only known to be {} µs or more", imported.beyond,
+    text += fmt::format("; {} values are only known to be {} µs or more", imported.beyond,
                         microseconds(imported.beyond_from_ns));
   return text;
 }
@@ -37,8 +37,8 @@ std::string imported_percentile(const Summary& summary, statistics::Figure figur
 Table imported_table_of(const Group& group) {
   Table table{
       id_of(group.front()->run.asked),
-      "imported: waking up, not round trips; how often each value was seen, and not when, so that nothing "
-      "is known of bursts, and no interval can be given",
+      "imported wake-up latencies, not round trips; a histogram without times: no bursts, no confidence "
+      "intervals",
       columns_of("Wake-up (µs)", {"Min", "Avg"})};
   for (const auto& percentile : statistics::percentiles) table.columns.push_back({percentile.name});
   for (const auto* name : {"Max", "Values"}) table.columns.push_back({name});

@@ -28,7 +28,7 @@ std::string whole(double count) { return fmt::format("{:.0f}", count); }
 
 using Form = std::string (*)(double);
 
-// The confidence of a page's intervals: in words behind each, where it is not the same for all.
+// The confidences of a page's intervals. If they differ, each interval shows its own.
 using Confidence = std::pair<double, std::size_t>;  // and of how many repetitions
 std::set<Confidence> confidences_of(const Layers& layers) {
   std::set<Confidence> all;
@@ -53,7 +53,7 @@ std::string with_interval(const std::optional<Estimate>& estimate, Form form, bo
   return with_confidence ? text + " " + percent_of(estimate->confidence) : text;
 }
 
-// Where the layer's share of the round trip lies: blank below what it adds to, filled for what it adds.
+// The layer's share of the round trip: blank for its baseline, filled for what the layer adds.
 std::string bar(const Layer& layer, double longest_ns) {
   if (!layer.round_trip_ns.total || longest_ns <= 0) return "";
   const auto cells = [&](double ns) {
@@ -67,7 +67,7 @@ std::string bar(const Layer& layer, double longest_ns) {
   return text;
 }
 
-// A layer is called by its id; where there are several of it, also by what tells them apart.
+// A layer's name is its id; if several layers have the same id, also what tells them apart.
 std::map<const Summary*, std::string> names_of(const Layers& layers) {
   std::map<std::string, Group> groups;
   for (const auto& layer : layers.measured) groups[word(layer.run->run.asked.id)].push_back(layer.run);
@@ -95,27 +95,20 @@ std::vector<std::string> missing(const Layers& layers) {
 std::string instructions_note(const Layers& layers) {
   const bool asked = std::ranges::any_of(
       layers.measured, [](const Layer& layer) { return layer.run->run.asked.task.count_instructions; });
-  return std::string("Instructions were not counted. ") +
-         (asked ? "The" : "The scenario must say count-instructions: on, the") +
-         " CPU must have the counter, which most virtual machines hide, and kernel.perf_event_paranoid must "
-         "let us.";
+  return std::string("Instructions were not counted. Needed: ") + (asked ? "" : "count-instructions: on, ") +
+         "a CPU counter (most virtual machines hide it) and permission (kernel.perf_event_paranoid).";
 }
 
 std::string legend_of(const std::set<Confidence>& confidences) {
   const std::string legend =
-      "p50: round trip of the median message. CPU: time of all threads on both ends, a message. Both are the "
-      "median over the repetitions. Added: the median of the differences from the layer below, repetition by "
-      "repetition, which need not be the difference of the medians. ";
-  if (confidences.empty())
-    return legend + "No run was made twice or more beside the one it adds to: there are no intervals.";
+      "p50: median round trip. CPU: time of all threads on both ends per message. Both: median over the "
+      "repetitions. Added: median of the differences from the baseline, repetition by repetition. ";
+  if (confidences.empty()) return legend + "No intervals: no run was repeated together with its baseline.";
   if (confidences.size() > 1)
-    return legend +
-           "In brackets an interval that holds the median difference, and behind it with what confidence.";
+    return legend + "[low, high] C %: C % confidence interval of the median difference.";
   const auto [confidence, count] = *confidences.begin();
-  return legend + fmt::format(
-                      "In brackets the interval that holds the median difference with {} confidence, "
-                      "of {} repetitions.",
-                      percent_of(confidence), count);
+  return legend + fmt::format("[low, high]: {} confidence interval of the median difference, {} repetitions.",
+                              percent_of(confidence), count);
 }
 
 ordered_json json_of(const std::optional<Estimate>& estimate) {
@@ -140,7 +133,7 @@ Page layers_page_of(const Summaries& summaries) {
   if (layers.measured.empty()) {
     if (page.notes.empty())
       page.notes.emplace_back(
-          "No run says what it adds to (key adds-to in the scenario; see scenarios/layers.yaml).");
+          "No run names its baseline (key adds-to in the scenario; see scenarios/layers.yaml).");
     return page;
   }
   double longest_ns = 0;
@@ -154,7 +147,7 @@ Page layers_page_of(const Summaries& summaries) {
   const auto names = names_of(layers);
   Table table{.title = "What each layer costs a message",
               .columns = {{"Layer", left},
-                          {"adds to", left},
+                          {"baseline", left},
                           {"p50\n(µs)"},
                           {"added (µs)"},
                           {"", left, true},
@@ -175,8 +168,7 @@ Page layers_page_of(const Summaries& summaries) {
       table.rows.back().insert(
           table.rows.back().end(),
           {median(layer.instructions.total, whole), with_interval(layer.instructions.added, whole, each)});
-    if (!layer.no_base.empty())
-      table.notes.push_back(name + ": nothing to compare it with: " + layer.no_base);
+    if (!layer.no_base.empty()) table.notes.push_back(name + ": no baseline: " + layer.no_base);
   }
   if (!counted) table.notes.push_back(instructions_note(layers));
   page.tables.push_back(table);

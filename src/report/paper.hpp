@@ -22,10 +22,9 @@ struct PaperRow {
 };
 const std::vector<PaperRow>& paper();
 
-// Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period,
-// deadline, payload and schedule, with its real-time settings and traffic, and with a load where that has
-// one. Another test may have the same name. How great the load was, and how long it was measured,
-// may differ.
+// The rows that are comparable with a run: the same id, period, deadline, payload, schedule, real-time
+// settings and traffic, and a load where the paper has one. (Another test may have the same name.) The size
+// of the load and the duration may differ.
 std::vector<PaperRow> paper_rows(const record::Asked&);
 
 }  // namespace ontime::report

@@ -119,7 +119,7 @@ class Trace {
           slice(cpus, cpu, held.from_ns, held.to_ns, held.thread.name,
                 {{"thread", held.thread.id},
                  {"rank", rank_of(held.thread.priority)},
-                 {"seen", held.surely ? "that it ran" : "only later that it had come"}});
+                 {"seen", held.surely ? "running" : "inferred from a later event"}});
       for (const auto& interrupt : machine.timeline.interrupts(cpu, from_ns, to_ns)) {
         tracks_[{cpus, interrupts_track + cpu}] = fmt::format("CPU {}, interrupts", cpu);
         slice(cpus, interrupts_track + cpu, interrupt.from_ns, interrupt.to_ns, interrupt.what,

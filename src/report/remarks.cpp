@@ -15,9 +15,9 @@ namespace {
 using record::find;
 using record::Outcome;
 
-// How a run ended, if not as asked.
+// How a run ended, if not as requested.
 std::string ending(const Outcome& outcome) {
-  if (!outcome.has_ended()) return "not ended (cut off, or still running): shown is what is recorded";
+  if (!outcome.has_ended()) return "not ended (cut off or still running): shows what is recorded so far";
   if (outcome.error) return "failed: " + word(*outcome.error);
   return outcome.interrupted ? "interrupted before its end" : "";
 }
@@ -40,7 +40,7 @@ std::string number_text(double number) {
 }
 std::string microseconds_text(double ns) { return microseconds(ns) + " µs"; }
 
-// Causes outside the network and the other end: the CPU was given to others, or our own thread slept.
+// Delays outside the network and the server: stolen CPU time, and the sender's own wake-up latency.
 constexpr double much_stolen = 0.001;
 void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   const auto& outcome = summary.run.outcome;
@@ -50,7 +50,7 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
     if (stolen < much_stolen) continue;
     remarks.push_back(
         {Weight::caution,
-         fmt::format("the hypervisor took {{}} of the time of the {}'s CPUs", one_machine ? "machine" : host),
+         fmt::format("the hypervisor took {{}} of the {}'s CPU time (steal)", one_machine ? "machine" : host),
          stolen, percent_text});
     if (one_machine) break;
   }
@@ -59,11 +59,11 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   const auto share =
       static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(took_ns);
   if (share >= 0.5)
-    remarks.push_back({Weight::detail, "of the longest answered wait, the sender's wake-up took {}",
+    remarks.push_back({Weight::detail, "sender wake-up latency was {} of the longest answered wait",
                        std::min(share, 1.0), whole_percent_text});
 }
 
-// None of these is in any number above.
+// Clock events during the run.
 constexpr double long_s = 0.1;         // more than two clocks are read apart on a busy machine
 constexpr double much_slew_ppm = 500;  // beyond any crystal and the usual correction of a time service
 std::vector<std::string> clocks(const Outcome& outcome) {
@@ -83,14 +83,14 @@ std::vector<std::string> clocks(const Outcome& outcome) {
                                   machine, moved));
     if (std::abs(slewed) >= much_slew_ppm)
       parts.push_back(fmt::format(
-          "the clock of {} was slewed by {:+.0f} ppm, and so is every time that it measured. Fix: "
-          "measure once its time service has settled",
+          "the clock of {} was slewed by {:+.0f} ppm; so are all its measured times. Fix: measure when its "
+          "time service has settled",
           machine, slewed));
   }
   return parts;
 }
 
-// Whether the kernel had a thread of this role, or where none has it any thread, under real-time scheduling.
+// Whether a thread of this role was under real-time scheduling; any thread, if none has the role.
 bool ran_in_real_time(const record::Host& host, const char* role) {
   bool of_role = false, any = false, has_role = false;
   for (const auto& thread : host.threads) {
@@ -104,7 +104,7 @@ bool ran_in_real_time(const record::Host& host, const char* role) {
   return has_role ? of_role : any;
 }
 
-// What keeps a CPU from its real-time threads for a while each second, and how long.
+// A kernel limit that takes the CPU from real-time threads in each second, and for how long.
 struct Throttle {
   std::string name;
   double least_ns = 0;
@@ -127,11 +127,11 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
     if (!throttle || static_cast<double>(ns) < throttle->least_ns || !ran_in_real_time(of, role)) return;
     remarks.push_back(
         {Weight::caution,
-         fmt::format("{} up to {{}} late, as {} of the {} would make it", what, throttle->name, host),
+         fmt::format("{} up to {{}} late; likely cause: {} on the {}", what, throttle->name, host),
          static_cast<double>(ns), microseconds_text});
   };
-  suspect("controller", "send", "woke", summary.wake_up.max);
-  suspect("component", "receive", "answered", summary.server.max);
+  suspect("controller", "send", "sender woke", summary.wake_up.max);
+  suspect("component", "receive", "server answered", summary.server.max);
   // A faulty or a full link delays as long by itself, and so does a repeated transmission.
   const auto& asked = summary.run.asked;
   const bool by_the_link = asked.faults.any() || asked.traffic.any() ||
@@ -139,7 +139,7 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
                              return host.second.losses.on_the_way > 0;
                            });
   if (summary.parts && !by_the_link)
-    suspect("component", "receive", "received",
+    suspect("component", "receive", "server received",
             summary.parts->there.max - summary.parts->there[statistics::Figure::p50]);
 }
 
@@ -156,21 +156,20 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
 void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   std::vector<const record::Note*> notes;
   for (const auto& note : summary.notes) notes.push_back(&note);
-  // What holds for the whole run first: of what single messages met there may be much.
+  // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
   if (summary.notes.size() > most_notes)
-    remarks.push_back(
-        {Weight::detail, many(summary.notes.size() - most_notes, "further note", "further notes")});
+    remarks.push_back({Weight::detail, many(summary.notes.size() - most_notes, "more note", "more notes")});
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.
 constexpr std::uint64_t surely_gone = 10;  // messages
 void add_silence(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   if (summary.unanswered_at_end < surely_gone || summary.unanswered_at_end == summary.sent) return;
-  remarks.push_back({Weight::caution, fmt::format("no answer from {:.1f} s on: the last {} messages",
+  remarks.push_back({Weight::caution, fmt::format("no answers from {:.1f} s to the end: {} messages",
                                                   seconds_into(summary, summary.unanswered_from_ns),
                                                   grouped(summary.unanswered_at_end))});
 }
@@ -182,8 +181,8 @@ std::vector<std::string> changed_settings(const Outcome& outcome) {
     for (const auto& [group, settings] : {std::pair("kernel", &host.kernel), {"isolation", &host.isolation}})
       for (const auto& one : *settings)
         if (!one.lasted())
-          parts.push_back(fmt::format("{}.{} did not last: at the end {} of the {} was {}, not {}", group,
-                                      word(one.setting), word(one.thing), word(name),
+          parts.push_back(fmt::format("{}.{} changed during the run: at the end {} of the {} was {}, not {}",
+                                      group, word(one.setting), word(one.thing), word(name),
                                       one.now.is_null() ? "gone" : word(one.now), word(one.after)));
   return parts;
 }
@@ -191,11 +190,11 @@ std::vector<std::string> changed_settings(const Outcome& outcome) {
 std::string smaller_load(const gate::SmallerLoad& load) {
   if (load.divided_among > 0)
     return fmt::format(
-        "the load on the {} was smaller than stated: an older ontime divided {} among {} {} workers",
+        "the load on the {} was smaller than requested: an older ontime divided {} among {} {} workers",
         load.host, size(load.requested_bytes), load.divided_among, load.kind);
   return fmt::format(
-      "HDD LOAD NOT AS LARGE AS REQUESTED on the {}: an hdd worker had {} in its file at most, "
-      "requested: {}. Measure for longer, or give hdd-bytes a smaller value",
+      "HDD LOAD SHORTFALL on the {}: an hdd worker's file reached {}, requested: {}. Fix: measure longer, or "
+      "lower hdd-bytes",
       load.host, size(load.had_bytes), size(load.requested_bytes));
 }
 
@@ -209,8 +208,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   };
   add(Weight::not_applied, ending(outcome));
   if (const auto what = record::misfit_of(summary.run.asked, outcome); !what.empty())
-    add(Weight::not_applied,
-        "in the results file " + printable(what) + " is not as ontime writes it, and was not read");
+    add(Weight::not_applied, "invalid " + printable(what) + " in the results file: not read");
   const bool was_asked = !summary.imported && !summary.run.asked.is_listened();
   if (was_asked && statistics::is_complete(summary.run) && statistics::unrecorded(summary.run) == 0 &&
       summary.sent == 0)
@@ -218,7 +216,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add(Weight::caution, simulated(outcome));
   for (const auto& [name, host] : outcome.hosts)
     if (host.load_running == false)
-      add(Weight::not_applied, "the load on the " + word(name) + " had died by the end");
+      add(Weight::not_applied, "the load on the " + word(name) + " stopped before the end");
   for (const auto& load : gate::smaller_loads(summary.run.asked, outcome))
     add(Weight::not_applied, smaller_load(load));
   for (auto& remark : {traffic_remark(outcome), background_remark(outcome)}) add(remark.weight, remark.text);
@@ -251,16 +249,15 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   count(Weight::detail, "duplicates", counters.duplicates);
   count(Weight::detail, "stray answers", counters.strays);
   count(Weight::detail, "answers out of order", counters.reordered);
-  count(Weight::caution, "answers of another payload size, which settle no message", counters.wrong_size);
-  count(Weight::caution, "answers with server times that do not fit into their round trips",
-        counters.wrong_server_times);
+  count(Weight::caution, "answers with another payload size, ignored", counters.wrong_size);
+  count(Weight::caution, "answers with server times outside their round trips", counters.wrong_server_times);
   count(Weight::detail, "messages refused by the transport", counters.refused_sends);
   if (summary.has_worst_only)
     add(Weight::caution,
-        "samples are kept around the worst late messages only; counts and times are of all messages, times "
+        "only samples around the worst late messages are kept; counts and times are of all messages, times "
         "within 1.6 %");
   else
-    count(Weight::caution, "samples not recorded, and missing above", counters.dropped_records);
+    count(Weight::caution, "samples not recorded (missing above)", counters.dropped_records);
   return remarks;
 }
 

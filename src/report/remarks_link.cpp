@@ -31,11 +31,11 @@ Remark by_shortfall(const char* shortfall, const char* else_, bool is_short,
           (is_short ? shortfall : else_) + join(ways, ", ")};
 }
 
-// The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)
+// The interface's own counters show more than was measured. (Too little makes a run fail.)
 constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
 constexpr std::uint64_t much = 10;            // times what the messages take
 constexpr std::uint64_t little_bytes = 1 << 20;
-// Of the traffic that was asked for, at least what it is of payload.
+// The payload of the requested traffic.
 std::uint64_t traffic_bytes(const statistics::Summary& summary) {
   double bits = 0;
   for (const auto& [way, rates] : summary.run.outcome.traffic)
@@ -43,7 +43,7 @@ std::uint64_t traffic_bytes(const statistics::Summary& summary) {
   const auto seconds = static_cast<double>(summary.run.asked.task.client.duration.count()) / 1e9;
   return static_cast<std::uint64_t>(std::clamp(bits / 8 * seconds, 0.0, 1e15));
 }
-// Such sizes and counts as a damaged file has, too, can be multiplied.
+// Bounded, so that sizes and counts of a damaged file can be multiplied.
 std::uint64_t bounded(std::uint64_t number) { return std::min<std::uint64_t>(number, 1 << 30); }
 std::uint64_t background_bytes(const statistics::Summary& summary) {
   std::uint64_t bytes = 0;
@@ -62,7 +62,7 @@ std::string losses_text(const Outcome& outcome, std::uint64_t record::Losses::*k
   return join(parts, ", ");
 }
 
-// What was achieved of the concurrent traffic, loudly where it is not what was asked.
+// The achieved concurrent traffic; in capitals if less than requested.
 Remark traffic_remark(const Outcome& outcome) {
   std::vector<std::string> ways;
   bool any_short = false;
@@ -76,7 +76,7 @@ Remark traffic_remark(const Outcome& outcome) {
   return by_shortfall("TRAFFIC SHORTFALL: ", "traffic: ", any_short, ways);
 }
 
-// What became of the background topics' messages, loudly where fewer were sent than requested.
+// The background topics' messages; in capitals if fewer were sent than requested.
 Remark background_remark(const Outcome& outcome) {
   using Seen = record::BackgroundSeen;
   static constexpr Counter<Seen> others[] = {
@@ -100,7 +100,7 @@ Remark background_remark(const Outcome& outcome) {
   return by_shortfall("BACKGROUND TOPICS SHORTFALL: ", "background topics: ", any_short, ways);
 }
 
-// Where the kernel dropped something: loss has a place.
+// Where the kernel dropped packets.
 std::string drops_text(const Outcome& outcome) {
   using Drops = record::Drops;
   static constexpr Counter<Drops> places[] = {
@@ -108,9 +108,9 @@ std::string drops_text(const Outcome& outcome) {
       {&Drops::udp_receive, "{} because a UDP socket buffer of any process of the {} was full"},
       {&Drops::udp_send, "{} that the {}'s sockets could not send"},
       {&Drops::fragments, "{} on the {} because fragments were missing"},
-      {&Drops::interface_received, "{} that came to the {}'s interface"},
-      {&Drops::interface_sent, "{} that were to leave by the {}'s interface"},
-      {&Drops::backlog, "{} in the queues of the {}'s CPUs, on the whole machine"}};
+      {&Drops::interface_received, "{} on receive by the {}'s interface"},
+      {&Drops::interface_sent, "{} on send by the {}'s interface"},
+      {&Drops::backlog, "{} in the {}'s CPU backlog queues (whole machine)"}};
   std::vector<std::string> parts;
   for (const auto* host : record::both_hosts) {
     const auto& dropped = find(outcome.hosts, host).drops;
@@ -124,13 +124,13 @@ std::string drops_text(const Outcome& outcome) {
   return parts.empty() ? "" : "dropped by the kernel: " + join(parts, ", ");
 }
 
-// What of the loss was ours: "lost by link.loss 51 frames that came to the component".
+// Losses that ontime itself caused: "link.loss dropped 51 frames to the component".
 std::string link_faults_text(const Outcome& outcome) {
   using Faults = record::LinkFaults;
   static constexpr Counter<Faults> kinds[] = {
-      {&Faults::lost_frames, "lost by link.loss {} that came to the {}"},
-      {&Faults::cut_off_frames, "cut off by link.cut {} that came to the {}"},
-      {&Faults::duplicated_frames, "sent twice by link.duplicate {} of the {}"}};
+      {&Faults::lost_frames, "link.loss dropped {} to the {}"},
+      {&Faults::cut_off_frames, "link.cut dropped {} to the {}"},
+      {&Faults::duplicated_frames, "link.duplicate sent {} of the {} twice"}};
   std::vector<std::string> parts;
   for (const auto& [counter, what] : kinds)
     for (const auto* host : record::both_hosts)
@@ -139,15 +139,13 @@ std::string link_faults_text(const Outcome& outcome) {
   return join(parts, ", ");
 }
 
-// "dropped by etf 3 frames of the controller, whose launch time had passed or that had none".
+// "etf dropped 3 frames of the controller: launch time passed or missing".
 std::string missed_launches_text(const Outcome& outcome) {
   std::vector<std::string> parts;
   for (const auto* host : record::both_hosts)
     if (const auto frames = find(outcome.hosts, host).link.etf.dropped_frames; frames > 0)
       parts.push_back(fmt::format("{} of the {}", many(frames, "frame", "frames"), host));
-  return parts.empty() ? ""
-                       : fmt::format("dropped by etf {}, whose launch time had passed or that had none",
-                                     join(parts, ", "));
+  return parts.empty() ? "" : fmt::format("etf dropped {}: launch time passed or missing", join(parts, ", "));
 }
 
 std::vector<std::string> other_traffic(const statistics::Summary& summary) {
@@ -163,7 +161,7 @@ std::vector<std::string> other_traffic(const statistics::Summary& summary) {
     if (bytes / much <= expected || bytes < little_bytes || which == seen) continue;
     seen = which;
     parts.push_back(fmt::format(
-        "other traffic on {} of the {}: {:.0f} MB in all, where what was asked for takes {:.1f} MB",
+        "other traffic on {} of the {}: {:.0f} MB in total, the requested traffic takes {:.1f} MB",
         word(of.link.interface), host, static_cast<double>(bytes) / 1e6,
         static_cast<double>(expected) / 1e6));
   }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What people and programs read of runs: the answer, the paper's table with percentiles added, threads,
-// layers. Comparisons, explanations and exports have headers of their own.
+// Output about runs, for users and programs: the answer, the paper's table with percentiles added, threads,
+// layers. Comparisons, explanations and exports have their own headers.
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
@@ -22,12 +22,12 @@ std::string render(const std::vector<statistics::Summary>&, Format, const Origin
                    std::size_t width = 100);
 // The first screen instead, where the form is Format::table.
 std::string render_answer(const std::vector<statistics::Summary>&, Format, const Origin&, std::size_t width);
-// The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
+// The threads of each run as the kernel reports them: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
-// What each layer costs a message, of runs that say what they add to: a waterfall.
+// What each layer costs a message, for runs that name a baseline: a waterfall.
 std::string render_layers(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
 
-// What an end requested of its machine and was denied, for people; alike ones together.
+// Settings that an end requested and its machine denied, for users; equal ones together.
 std::vector<std::string> refusals_of(const record::Host& end);
 
 }  // namespace ontime::report

@@ -25,10 +25,10 @@ nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/j
 std::string csv_of(const Summaries&);
 table::Page page_of(const Summaries&);
 
-// Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late than
-// were late or lost: shown beside where it is so.
+// Whether judging by response time (from the due time, not from sending) gives another number of misses than
+// late + lost: then it has its own column.
 bool differs_by_response(const statistics::Summary&);
-bool any_of_paper(const Summaries&);  // whether the paper measured the same as one of them
+bool any_of_paper(const Summaries&);  // whether the paper has rows for one of them
 
 // The estimate, always; its limits stand in certainty_table(). "-" where no value lies above the percentile,
 // "~" before it where fewer than ten do.
@@ -40,18 +40,18 @@ table::Table certainty_table(const std::vector<std::string>& labels, const Group
 table::Table worst_case_table(const std::vector<std::string>& labels, const Group&);
 // Why, each reason once with the names of the runs that it holds for.
 std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, const Group&);
-// That an older ontime measured these, which computed intervals and gates otherwise; empty if none did.
+// A note that an older ontime, with other intervals and gates, measured one of these; else empty.
 std::string older_note(const Group&);
-std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
-// What a response is made of, each by itself: a stall of our own thread is none of the network's.
+std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty if there is one
+// The stages of a response time: a stall of ontime's own thread is not the network's.
 table::Table stages_table(const std::vector<std::string>& labels, const Group&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
-// How far a search could turn up a key; without rows where there was none.
+// The greatest value of a key without a miss; no rows without a search.
 table::Table searches_table(const Group&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
-// What a run must not be read without: what went wrong, or was counted beside the table.
+// A caution about a run: a fault, or a count that the table does not show.
 struct Remark {
   enum class Weight { detail, caution, not_applied } weight;  // not_applied: not the run that was requested
   std::string text;  // "{}" stands for the amount, where there is one
@@ -60,7 +60,7 @@ struct Remark {
 };
 std::vector<Remark> remarks_of(const statistics::Summary&);
 std::string remarks(const statistics::Summary&);  // in one text; empty if there is none
-// Of them, those on what the link carried and lost. An empty text: there is nothing to say.
+// The remarks about the link's traffic and losses. An empty text: no remark.
 // "12 at the component, 3 at the controller": what each end's own reader lost.
 std::string losses_text(const record::Outcome&, std::uint64_t record::Losses::*kind, const char* where);
 Remark traffic_remark(const record::Outcome&);
@@ -83,30 +83,30 @@ std::vector<std::string> remark_lines(const std::vector<std::string>& names, con
 // Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 
-// Runs of an id that were imported: what is known of them, and what is not.
+// The imported runs of an id.
 table::Table imported_table_of(const Group&);
 // "≥3.0" where it lies beyond the imported histogram; else as percentile().
 std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
-  // partly: what there is, is, but not all is there
+  // partly: all present messages are on time, but some data are missing
   enum class Word { yes, partly, no, nothing } word = Word::nothing;
   std::string sentence, further;
 };
 Verdict verdict_of(const Summaries&);
 std::string grouped(std::uint64_t count);  // "4,320,000"
 
-// What was set, and what was so.
+// What was requested and what was found.
 table::Table differences_of(const Summaries&);  // what is not the same in all runs
-table::Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
+table::Table loads_of(const Summaries&);        // requested and achieved, and what the link carried
 table::Table machines_of(const Summaries&);
 
 nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);
 table::Page threads_page_of(const Summaries&);
 
-// What each layer costs, of runs that say what they add to.
+// What each layer costs; for runs that name a baseline.
 nlohmann::ordered_json layers_json_of(const Summaries&);
 std::string layers_csv_of(const Summaries&);
 table::Page layers_page_of(const Summaries&);

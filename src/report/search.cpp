@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What searches found: how far a key can be turned up before something is missed.
+// What searches found: the greatest value of a key without a miss.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -24,10 +24,10 @@ struct Step {
   std::string value;
   std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0;
   double effect = 1;          // the greatest design effect of its runs
-  bool ended = false;         // one of them ended the search: by what is counted above, or what is said below
+  bool ended = false;         // one of them ended the search: by a count above or a reason below
   bool failed = false;        // no answer came
-  bool is_short = false;      // the neighbours or the traffic that were asked for were not there
-  std::string unfit;          // why else it says nothing of what was asked for
+  bool is_short = false;      // background topics or traffic below what was requested
+  std::string unfit;          // another reason why it was not measured as requested
   bool says_nothing = false;  // interrupted, or it failed for another reason than its value
 };
 
@@ -67,7 +67,7 @@ void add(Step& step, const Summary& summary) {
 std::vector<Found> found(const Group& group) {
   std::vector<Found> all;
   std::map<std::array<std::string, 5>, std::size_t> places;
-  // What was measured again (--resume) counts as it was then.
+  // After --resume the last measurement counts.
   std::map<std::tuple<std::size_t, int, int>, const Summary*> last;
   for (const auto* summary : group) {
     const auto& asked = summary->run.asked;
@@ -109,7 +109,7 @@ std::vector<Found> found(const Group& group) {
   return all;
 }
 
-// Below what the probability of a miss is, with 95 % confidence, after none of so many messages.
+// Upper limit of the miss probability, with 95 % confidence, after this many messages without a miss.
 std::optional<double> bound_of(const Step* passed) {
   if (passed == nullptr || passed->messages == 0) return {};
   return -std::expm1(std::log(0.05) * passed->effect / static_cast<double>(passed->messages));
@@ -121,14 +121,14 @@ std::string why(const Step& step) {
   if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
   if (!parts.empty()) parts = {join(parts, ", ") + " of " + many(step.messages, "message", "messages")};
-  if (step.failed) parts.emplace_back("the other end did not answer in time");
+  if (step.failed) parts.emplace_back("no answer from the server in time");
   if (!step.unfit.empty()) parts.push_back(step.unfit);
-  if (step.is_short) parts.emplace_back("more was asked for beside it than could be had");
+  if (step.is_short) parts.emplace_back("background load below the requested load");
   return join(parts, "; ");
 }
 
 std::string because(const Found& one) {
-  const std::string unfinished = "not searched to its end";
+  const std::string unfinished = "search not finished";
   if (one.ended == nullptr) return one.finished ? nothing : unfinished;
   return why(*one.ended) + (one.finished ? "" : "; " + unfinished);
 }
@@ -164,14 +164,13 @@ Table searches_table(const Group& group) {
                           because(one)});
   }
   if (table.rows.empty()) return table;
-  table.title = fmt::format("how far {} can be turned up", join(keys, ", "));
-  table.columns = {
-      {"", left},           {"No miss\nat", right}, {"Messages\nthere", right}, {"Missed\nthere", right},
-      {"Ended\nat", right}, {"Because", left}};
+  table.title = fmt::format("highest {} without a miss", join(keys, ", "));
+  table.columns = {{"", left},           {"No miss\nat", right},
+                   {"Messages", right},  {"Miss\nprobability", right},
+                   {"Ended\nat", right}, {"Because", left}};
   table.notes.emplace_back(
-      "A miss: a message late or lost, or a cycle without one. Missed there: below that with 95 % "
-      "confidence, after "
-      "none.");
+      "Miss: a late or lost message, or a cycle without a message. Miss probability: upper limit, 95 % "
+      "confidence.");
   return table;
 }
 

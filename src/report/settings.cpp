@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What was set, and what was so: where runs differ, and where they do not, once.
+// What was requested and what was found: differences between runs, and once what all runs share.
 #include <map>
 #include <string_view>
 
@@ -16,7 +16,7 @@ namespace {
 using nlohmann::json;
 using enum Column::Align;
 
-// Of a run and not of its machine.
+// Belongs to a run, not to its machine.
 constexpr std::string_view changing = "realtime_offset_ns";
 
 std::string percent_of(std::optional<double> share) {
@@ -38,7 +38,7 @@ void flatten(const json& value, const std::string& name, std::map<std::string, s
   }
 }
 
-// What of a host was the same in all runs, or each value with the runs that had it.
+// A host's value if it is the same in all runs, else each value with its runs.
 std::string values_of(const std::vector<std::pair<std::string, std::string>>& of_runs) {
   std::vector<std::pair<std::string, std::vector<std::string>>> all;
   for (const auto& [run, value] : of_runs) entry_of(all, value).push_back(run);
@@ -56,7 +56,7 @@ Table differences_of(const Summaries& summaries) {
   const auto all = all_of(summaries);
   const auto differences = differences_between(all);
   Table table{"Where the runs differ",
-              "In all of them: " + join(shared_conditions(all), ", ") + ".",
+              "Same in all runs: " + join(shared_conditions(all), ", ") + ".",
               {{"Run", left}}};
   for (const auto& key : differences.keys) table.columns.push_back({key, left});
   // Runs of one id that were alike in all this are one row: their transports, and how many runs each has.
@@ -78,14 +78,14 @@ Table differences_of(const Summaries& summaries) {
 }
 
 Table loads_of(const Summaries& summaries) {
-  Table table{.title = "Load, asked and achieved",
+  Table table{.title = "Load: requested and achieved",
               .columns = {{"Run", left},
                           {"Host", left},
-                          {"Workers asked", left},
+                          {"Workers requested", left},
                           {"CPU busy"},
-                          {"waiting for CPU"},
-                          {"for memory"},
-                          {"for I/O"},
+                          {"CPU pressure"},
+                          {"memory pressure"},
+                          {"I/O pressure"},
                           {"MB on the link"}}};
   for (const auto& summary : summaries) {
     const auto& asked = summary.run.asked;
@@ -105,8 +105,8 @@ Table loads_of(const Summaries& summaries) {
 }
 
 Table machines_of(const Summaries& summaries) {
-  Table table{.title = "The machines, as they said",
-              .columns = {{"What", left}, {"Controller", left}, {"Component", left}}};
+  Table table{.title = "Machines",
+              .columns = {{"Property", left}, {"Controller", left}, {"Component", left}}};
   std::map<std::string, std::map<std::string, std::vector<std::pair<std::string, std::string>>>> all;
   for (const auto& summary : summaries) {
     for (const auto* host : record::both_hosts) {

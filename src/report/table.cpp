@@ -35,7 +35,7 @@ std::vector<std::string> row(const std::string& label, const Summary& summary, b
   return cells;
 }
 
-// What the paper measured, in the columns that it has.
+// The paper's values, in the columns that it has.
 std::vector<std::string> row(const PaperRow& paper, bool by_response) {
   std::vector<std::string> cells = {"paper's " + paper.dds, std::to_string(paper.min_us),
                                     std::to_string(paper.avg_us)};
@@ -60,7 +60,7 @@ std::vector<Column> columns(const Group& group, bool by_response) {
                                  {"p99.99", right, false, 1},
                                  {"Max"},
                                  {listened ? "Late" : "Missed\ndeadlines"}};
-  if (by_response) columns.push_back({"by\nresponse"});
+  if (by_response) columns.push_back({"by\nresponse\ntime"});
   columns.push_back({listened ? "Lost" : "Message\nloss"});
   return columns;
 }
@@ -73,8 +73,7 @@ std::vector<std::pair<std::string, Group>> alike(const Group& group) {
   return all;
 }
 
-// Where it is known, a line for each of the runs that are alike: the medians of the parts of their round
-// trips.
+// For each group of alike runs with known legs, a line with the medians of its legs.
 std::vector<std::string> parts_of(const Group& group) {
   std::vector<std::string> lines;
   for (const auto& [label, runs] : alike(group)) {
@@ -94,14 +93,15 @@ std::vector<std::string> parts_of(const Group& group) {
       return microseconds(statistics::estimate(values)->median);
     };
     lines.push_back(fmt::format(
-        "{}: there {} µs, at the component {}, back {} (medians{}; {})", label, median(there), median(server),
-        median(back), there.size() > 1 ? fmt::format(" of {} runs", there.size()) : "",
+        "{}: medians{}: request leg {} µs, server {} µs, reply leg {} µs ({})", label,
+        there.size() > 1 ? fmt::format(" of {} runs", there.size()) : "", median(there), median(server),
+        median(back),
         one_clock ? "one clock" : fmt::format("clocks synchronised to ±{} µs", microseconds(error_ns))));
   }
   return lines;
 }
 
-// Of runs that were repeated: between what their figures lie from run to run.
+// For repeated runs: the range of their metrics from run to run.
 Table spread_table(const Group& group, const Summaries& summaries) {
   Table table{.columns = columns_of(quantity_of(group) + " (µs)",
                                     {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})};
@@ -194,15 +194,15 @@ std::string judged_by(const Summaries& summaries) {
   const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
   if (any(is_listened))
     text =
-        "Age: from the writer's stamp until the message was taken. Period: from one message to the next. "
-        "Late: beyond the limit that was stated. Lost: published and never taken. ";
+        "Age: from the writer's timestamp until the message was taken. Period: from one message to the next. "
+        "Late: beyond the limit. Lost: published and never taken. ";
   if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
   text += fmt::format("Missed deadlines: answered later than {}",
                       common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
   if (any(differs_by_response))
     text +=
-        "; by response: cycles without an answer so long after they were due, of all cycles, also those "
-        "without a message";
+        "; by response time: cycles without an answer that long after they were due, of all cycles, "
+        "including those without a message";
   return text +
          fmt::format(". Message loss: not answered within {}. ",
                      common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
@@ -223,13 +223,12 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
     legend += " [low, high]: 95 % confidence interval.";
   if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
-    legend += " ≥: lower limit alone; too few messages, or too dependent ones, for an upper limit.";
+    legend += " ≥: lower limit only; the effective sample size is too small for an upper limit.";
   if (any_cell([](const std::string& cell) { return cell == nothing; })) legend += " -: too few messages.";
   if (any_of_paper(summaries))
     legend +=
-        " paper's: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
-        "for 10 minutes, Test5 12 hours; load was 8 workers of each kind on the controller and 2 on the "
-        "component.";
+        " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "
+        "hours). Load: 8 workers of each kind on the controller, 2 on the component.";
   return legend;
 }
 

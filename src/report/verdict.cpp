@@ -23,7 +23,7 @@ Fates fates_of(const Summary& summary) {
   return {counted.sent, counted.late, counted.lost};
 }
 
-// A cycle that passed without a message was not on time either.
+// A cycle without a message was not on time either.
 bool all_on_time(const Summary& summary) {
   const auto [sent, late, lost] = fates_of(summary);
   return sent > 0 && late + lost == 0 && summary.late_by_response.value_or(0) == 0;
@@ -91,32 +91,31 @@ Verdict verdict_of(const Summaries& summaries) {
                                   cycles(late_cycles), deadline));
     else if (late_cycles > late + lost)  // a sender that stood still
       parts.push_back(
-          fmt::format("{}, also those without a message, had no answer in time", cycles(late_cycles)));
+          fmt::format("{} had no answer in time, including cycles without a message", cycles(late_cycles)));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("In {} of {} all went well.", fine, many(measured, "run", "runs")));
+    further.push_back(fmt::format("{} of {} had no fault.", fine, many(measured, "run", "runs")));
   if (slowest != nullptr)
     further.push_back(fmt::format(
-        "The longest took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
+        "Maximum: {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
         measured > 1
             ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(slowest->run.asked.task.transport))
             : ""));
-  // Of several runs, of different conditions, there is no such thing.
+  // Only for one run: several runs have different conditions.
   if (const auto& missed = summaries.front().missed_probability; summaries.size() == 1 &&
                                                                  verdict.word == Verdict::Word::yes &&
                                                                  missed.events == 0 && missed.messages > 0)
     further.push_back(
-        fmt::format("While conditions stay as they are, fewer than {} messages will miss it, "
-                    "with 95 % confidence.",
+        fmt::format("If conditions stay the same, fewer than {} messages miss it (95 % confidence).",
                     missed.bound > 0.01 ? fmt::format("{:.2g} % of the", rounded_up(missed.bound * 100))
                                         : fmt::format("{:g} of a million", rounded_up(missed.bound * 1e6))));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)
-    further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
+    further.push_back(fmt::format("{}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");
   return verdict;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Pieces of text from a run's record, of which anything may be missing.
+// Pieces of text from a run's record, where any part may be missing.
 #pragma once
 
 #include <algorithm>
@@ -43,7 +43,7 @@ std::string word(const std::string&);     // on one line; `nothing` for an empty
 std::string word(std::optional<std::int64_t>);
 std::string id_of(const record::Asked&);  // on one line, and shortened
 const char* word_of(roundtrip::Fate);     // "on time"
-// What a run's times are: "Round trip", or of a robot's own messages "Age" or "Period".
+// The quantity that a run measures: "Round trip", or for listened messages "Age" or "Period".
 const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string>& path);  // or ""
@@ -51,18 +51,18 @@ std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
 std::string milliseconds(double ns);  // without a unit: "0.123", "4.0", "250"
-// Of a hundred, without the sign: "0", "0.05", "99.9"; never 0 of what is more, nor 100 of what is less.
+// Percent without the sign: "0", "0.05", "99.9"; 0 and 100 only if exact.
 std::string percent(double share);
 double rounded_up(double number);                   // to two digits: a bound must stay one
-int decimals_that_show(double below_one);           // so many that it is not printed as 0: 2 of 0.05
+int decimals_that_show(double below_one);           // enough not to print 0: 2 for 0.05
 std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
 std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"
 
-// Of texts the first, of numbers the others.
+// The first column holds texts, the others numbers.
 std::vector<Column> columns_of(const std::string& first, std::initializer_list<const char*> others);
 void add_once(std::vector<std::string>& all, const std::string& text);
-// What belongs to a key: new at the end, if the key is. So keys are in the order in which they came first.
+// The value of a key; a new key is added at the end, so keys stay in the order of first use.
 template <typename Key, typename Value>
 Value& entry_of(std::vector<std::pair<Key, Value>>& all, const Key& key) {
   const auto known = std::ranges::find(all, key, &std::pair<Key, Value>::first);

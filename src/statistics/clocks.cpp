@@ -9,7 +9,8 @@
 namespace ontime::statistics {
 namespace {
 
-// By PTP a clock knows how far it is off its grandmaster, whose own time may be any; else, how far off UTC.
+// A PTP clock knows its offset from its grandmaster, which may have any time; other clocks know theirs from
+// UTC.
 bool have_one_reference(const record::Clock& client, const record::Clock& server) {
   if (client.source != "ptp" && server.source != "ptp") return true;
   return client.source == server.source && !client.reference.empty() && client.reference == server.reference;
@@ -50,8 +51,9 @@ void RoundTripParts::message(const roundtrip::Sample& sample) {
 void RoundTripParts::into(Summary& summary) && {
   if (!clocks_ || there_.count() == 0) return;
   if (clocks_->moved_ns != 0) {
-    summary.no_parts = fmt::format("not shown in parts: a clock was set by {:.1f} µs while it was measured",
-                                   static_cast<double>(clocks_->moved_ns) / 1e3);
+    summary.no_parts =
+        fmt::format("request and reply legs unknown: a clock was set by {:.1f} µs during the run",
+                    static_cast<double>(clocks_->moved_ns) / 1e3);
     return;
   }
   if (least_ns_ < -clocks_->error_ns) {
@@ -59,13 +61,12 @@ void RoundTripParts::into(Summary& summary) && {
     summary.no_parts =
         clocks_->one
             ? fmt::format(
-                  "not shown in parts: though both ends say that they share one clock, a part of a "
-                  "round trip would be {:.1f} µs long",
+                  "request and reply legs unknown: one would be {:.1f} µs, though both ends report one clock",
                   by_us)
             : fmt::format(
-                  "not shown in parts: the two clocks are further apart than the ±{:.1f} µs that they "
-                  "claim; a part of a round trip would be {:.1f} µs long",
-                  static_cast<double>(clocks_->error_ns) / 1e3, by_us);
+                  "request and reply legs unknown: one would be {:.1f} µs, beyond the clocks' stated error "
+                  "of ±{:.1f} µs",
+                  by_us, static_cast<double>(clocks_->error_ns) / 1e3);
     return;
   }
   summary.parts = {Ranks(std::move(there_)).distribution(), Ranks(std::move(back_)).distribution(),

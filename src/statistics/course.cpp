@@ -62,7 +62,7 @@ std::vector<Batch> Course::sums() const {
 
 namespace {
 
-// What an interval needs: tests/statistics_truth_test.cpp shows how often it holds the truth with these.
+// Requirements of an interval: tests/statistics_truth_test.cpp shows how often it then holds the true value.
 constexpr double fewest_beyond = 30;  // slower messages: a stall that strikes rarely may not be seen
 constexpr double fewest_effective_beyond = 10;  // and so many effective ones: not of a few bursts
 constexpr double fewest_effective_in_all = 30;
@@ -75,13 +75,12 @@ constexpr double fewest_to_tell_memory =
     50;                               // of fewer slower messages that of the percentile before counts too
 constexpr double most_memory = 1.65;  // one run in twenty without any memory has more
 
-constexpr const char* drifts = "the level changes in stretches that are long for so short a run";
-constexpr const char* few_effective =
-    "the messages depend so much on each other that they count as fewer than 30";
-constexpr const char* few_beyond = "fewer than 30 messages are slower";
-constexpr const char* few_bursts = "the slower messages come in few bursts";
+constexpr const char* drifts = "the level drifts; measure longer";
+constexpr const char* few_effective = "effective sample size below 30; measure longer";
+constexpr const char* few_beyond = "fewer than 30 slower messages";
+constexpr const char* few_bursts = "slower messages come in few bursts";
 
-// Takes away the ends that the run does not support, and says why.
+// Removes the ends that the run does not support, and gives the reason.
 void keep_what_is_supported(Measured& of, double messages, double share_above, double memory) {
   const double effective = messages / of.effect;
   if (memory > most_memory || effective < fewest_effective_in_all) {
@@ -93,10 +92,10 @@ void keep_what_is_supported(Measured& of, double messages, double share_above, d
   }
 }
 
-// With 95 % confidence a cause that the run has not seen strikes at most 3 messages in n, as often as many
-// are of one burst; each may take as long as a message is waited for.
+// With 95 % confidence a cause that the run has not seen affects at most 3 in n messages, times the burst
+// size (rule of three); each may take as long as the time-out.
 void add_the_unseen(Measured& mean, double messages, double effect, std::optional<double> longest_ns) {
-  if (!longest_ns && *mean.open == '\0') mean.open = "it is not known for how long a message is waited for";
+  if (!longest_ns && *mean.open == '\0') mean.open = "the time-out is unknown";
   for (auto* interval : {&mean.sure, &mean.surer}) {
     if (longest_ns && interval->high)
       *interval->high += 3 * effect / messages * *longest_ns;
@@ -108,7 +107,7 @@ void add_the_unseen(Measured& mean, double messages, double effect, std::optiona
 Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribution& of,
                              std::optional<double> longest_ns) {
   const auto& thresholds = of.quantiles;
-  // Where many values are alike, none may be above a percentile, and half of all at it: both counts tell.
+  // With many equal values, none may be above a percentile and half of all at it: use both counts.
   const auto above = course.events(thresholds, Course::Count::above);
   const auto at_or_above = course.events(thresholds, Course::Count::at_or_above);
 
@@ -183,7 +182,7 @@ std::optional<double> change_of_level(std::span<const Batch> batches) {
   return static_cast<double>(place) / static_cast<double>(n);
 }
 
-// Of either part; what holds for both holds for a mixture of them.
+// The widest interval of both parts: it also holds for a mixture of them.
 Measured hull(Measured whole, const Measured& one, const Measured& other) {
   const auto widest = [](const Interval& a, const Interval& b) {
     Interval both;

@@ -97,11 +97,11 @@ std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, co
   result.shape_lies = middle_of(std::move(shapes));
   result.level_lies = middle_of(std::move(levels));
   if (tail->shape > heaviest)
-    result.refused =
-        fmt::format("its tail is so heavy (shape {:.2f}) that any bound would be a guess", tail->shape);
+    result.refused = fmt::format("its tail is too heavy (shape {:.2f})", tail->shape);
   else if (result.fit_p < refuses_fit)
     result.refused = fmt::format(
-        "the slowest answers do not lie as the theory has it (Anderson-Darling, p = {:.2g})", result.fit_p);
+        "the slowest answers do not follow an extreme-value distribution (Anderson-Darling, p = {:.2g})",
+        result.fit_p);
   return result;
 }
 
@@ -126,7 +126,7 @@ std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std
   return peaks;
 }
 
-// Of what is to lie in either half of the values alike.
+// p-value of an even split over the two halves of the run.
 double halves_p(std::size_t first, std::size_t second) {
   const boost::math::binomial fair(static_cast<double>(first + second), 0.5);
   return std::min(1.0, 2 * boost::math::cdf(fair, static_cast<double>(std::min(first, second))));
@@ -134,14 +134,14 @@ double halves_p(std::size_t first, std::size_t second) {
 
 std::string unsteady(const Extremes& of, std::size_t first, std::size_t second) {
   if (of.trend_p < refuses)
-    return fmt::format("its slowest answers became slower or faster over the run (Mann-Kendall, p = {:.2g})",
+    return fmt::format("the slowest answers have a trend over the run (Mann-Kendall, p = {:.2g})",
                        of.trend_p);
   if (of.runs_p < refuses)
-    return fmt::format("bad stretches of the run follow upon one another (Wald-Wolfowitz, p = {:.2g})",
-                       of.runs_p);
+    return fmt::format("slow stretches follow one another (Wald-Wolfowitz, p = {:.2g})", of.runs_p);
   if (of.halves_p < refuses)
-    return fmt::format("of its bad stretches {} are in the first half and {} in the second (p = {:.2g})",
-                       first, second, of.halves_p);
+    return fmt::format(
+        "slow stretches differ between the halves of the run (first {}, second {}, p = {:.2g})", first,
+        second, of.halves_p);
   return "";
 }
 
@@ -201,7 +201,7 @@ double extremal_index(std::span<const std::size_t> places) {
 Extremes extremes(std::span<const float> values, float threshold) {
   Extremes result;
   if (values.size() < fewest_values) {
-    result.refused = fmt::format("it takes {} answers, and there are {}", fewest_values, values.size());
+    result.refused = fmt::format("too few answers (needed {}, found {})", fewest_values, values.size());
     return result;
   }
   const auto n = static_cast<double>(values.size());
@@ -241,7 +241,7 @@ Extremes extremes(std::span<const float> values, float threshold) {
     lies.high = std::max(*lies.high, ordered.high.value_or(*lies.high));
   }
   if (!result.maxima && !result.peaks)
-    result.refused = "its slowest answers are all alike, or all of one burst";
+    result.refused = "the slowest answers are all equal, or all of one burst";
   result.trend_p = trend_p(maxima);
   result.runs_p = runs_p(maxima);
   const auto half = std::lower_bound(peaks.begin(), peaks.end(), values.size() / 2);

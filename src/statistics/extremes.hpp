@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Extrapolated worst case: the level that one of so many answers exceeds, by extreme-value theory, in two
-// ways, each with its assumptions tested. Ordinary thread.
+// Extrapolated worst case: the level that 1 in N answers exceeds, by two methods of extreme-value theory,
+// each with tests of its assumptions. Ordinary thread.
 //
 // How far: a run of n answers whose slowest come singly reaches the level that 4 in n exceed, and never
 // beyond 1 in a million. A cause that strikes more seldom may not have struck in the run, and no theory sees
@@ -15,9 +15,9 @@
 // Darling's statistic, of samples fitted anew. How extremes cluster: the extremal index by the intervals
 // between them, which also declusters (Ferro & Segers 2003).
 //
-// Not to be refused are: that the stretches' maxima have no trend (Mann 1945, Kendall), that they do not
-// follow upon one another (runs about the median: Wald & Wolfowitz 1940), that as many peaks lie in the first
-// half as in the second (binomial), each at 1 %, and the fit at 5 %.
+// Tests: the stretches' maxima have no trend (Mann 1945, Kendall) and do not cluster (runs about the median:
+// Wald & Wolfowitz 1940); both halves have as many peaks (binomial); each at 1 %. The fit: at 5 %. A failed
+// test refuses the bound.
 //
 // Not valid for causes that were not at work in the run, such as a nightly backup.
 #pragma once
@@ -51,8 +51,8 @@ struct Bound {
   Interval level_lies;
   double fit_p = 0;       // of the fit; small: they do not follow it
   std::size_t count = 0;  // maxima, or peaks
-  std::string refused;    // why this data does not allow a bound, for people: the figures above are not to be
-                          // taken for one. Empty: nothing speaks against it
+  std::string refused;    // why these data do not allow a bound, for users; the values above are then
+                          // invalid. Empty: the bound is valid
 };
 
 struct Extremes {
@@ -69,7 +69,7 @@ struct Extremes {
 inline constexpr std::size_t most_peaks = 500;
 Extremes extremes(std::span<const float> values, float threshold);
 
-// How probable it is that what is so would look as it does or worse: p-values.
+// p-values.
 double trend_p(std::span<const double>);  // two-sided, ties counted (Mann & Kendall)
 double runs_p(std::span<const double>);   // too few runs: one-sided (Wald & Wolfowitz)
 // Of the places of the values above a threshold.

@@ -48,8 +48,7 @@ class Counted {
 
  private:
   [[noreturn]] void wrong() const {
-    throw record::WrongFile(
-        fmt::format("run {} has a histogram that is not as ontime writes it: the file is damaged.", run_));
+    throw record::WrongFile(fmt::format("run {} has an invalid histogram: the file is damaged.", run_));
   }
   std::int64_t whole(std::optional<std::int64_t> number) const {
     if (!number || *number < 0 || *number > most_ns) wrong();
@@ -109,7 +108,7 @@ void summarise_worst(Summary& summary) {
   // By this what needs all samples is not told of it.
   auto& missing = all.run.outcome.counters.dropped_records;
   missing = std::max<std::uint64_t>({missing, all.sent - summary.sent, 1});
-  all.extremes.refused = "its samples are those around the worst messages only";
+  all.extremes.refused = "only samples around the worst messages are kept";
   all.shape.worst = std::move(summary.shape.worst);
   if (!outcome.histogram.values.is_null()) {
     const Counted histogram(summary.run);

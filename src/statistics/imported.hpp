@@ -8,8 +8,8 @@ namespace ontime::statistics {
 
 // From its outcome's `histogram`. Throws record::WrongFile if that is not as `ontime import` writes it.
 void summarise_imported(Summary&);
-// Of a run that keeps the worst of its messages only, after its samples were gone through: what these alone
-// tell wrong is from the outcome's counters and `histogram`, or unknown.
+// For a run that keeps only samples around its worst messages: replaces what these samples alone would bias
+// by the outcome's counters and `histogram`, or by unknown.
 void summarise_worst(Summary&);
 
 }  // namespace ontime::statistics

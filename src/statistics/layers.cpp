@@ -22,7 +22,7 @@ std::optional<double> round_trip(const Summary& summary) {
   return static_cast<double>(summary.round_trip[Figure::p50]);
 }
 
-// The sum over all threads that serve messages, on all hosts, by message; `unit` times as much.
+// The sum over all threads that serve messages, on all hosts, per message, times `unit`.
 Value a_message(std::optional<double> record::Thread::*value, double unit = 1) {
   return [=](const Summary& summary) -> std::optional<double> {
     double sum = 0;
@@ -44,8 +44,8 @@ using Repetition = std::pair<std::size_t, std::int64_t>;
 
 class Sessions {
  public:
-  // In the order of the file. A session is over where the next was called otherwise, or measured again what
-  // was in it already.
+  // In the order of the file. A new session begins with another command line, or with a repetition that the
+  // session already has.
   Repetition next(const Summary& summary) {
     const auto number = summary.run.asked.repetition;
     const auto call = std::make_pair(summary.run.asked.command_line, summary.run.asked.scenario_file);
@@ -116,7 +116,7 @@ std::vector<std::string> differing_keys(const json& one, const json& other) {
   return keys;
 }
 
-// How much of what is a layer's own two have in common.
+// How many of the layer-specific settings two runs share.
 std::size_t likeness(const Summary& one, const Summary& other) {
   std::size_t same = 0;
   for (const auto* key : a_layers_own) {
@@ -152,7 +152,7 @@ const Candidate* find_base(Layer& layer, const std::vector<Candidate>& candidate
     return best.front();
   }
   if (best.size() > 1)
-    layer.no_base = fmt::format("{} runs of '{}' are as like it as one another", best.size(), layer.adds_to);
+    layer.no_base = fmt::format("{} runs of '{}' match it equally well", best.size(), layer.adds_to);
   else if (differing.empty())
     layer.no_base = fmt::format("'{}' was not measured", layer.adds_to);
   else

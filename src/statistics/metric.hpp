@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is said of a run's messages in one number: a row for each. A further percentile is a row here.
+// The metrics of a run, one row each. To add a percentile, add a row.
 #pragma once
 
 #include <algorithm>
@@ -52,7 +52,7 @@ static_assert(std::ranges::all_of(metrics, [](const Metric& row) {
   return (row.one_in > 0) ==
          (row.figure >= percentiles.front().figure && row.figure <= percentiles.back().figure);
 }));
-// A percentile's place among them. Throws std::out_of_range, by at(), where another figure is taken for one.
+// A percentile's place among them. Throws std::out_of_range, by at(), if the metric is not a percentile.
 constexpr std::size_t place_of(Figure percentile) {
   return static_cast<std::size_t>(percentile) - first_percentile;
 }

@@ -180,7 +180,7 @@ class Pass {
                               &summary_.missed_probability, &summary_.late_by_response_probability})
       *probability = {};
     summary_.extremes = {};
-    summary_.extremes.refused = fmt::format("{} of its samples were not recorded", missing);
+    summary_.extremes.refused = fmt::format("{} samples were not recorded", missing);
   }
 
   // The answer that those who wait have waited for.

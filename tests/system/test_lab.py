@@ -546,7 +546,7 @@ class Machines(Lab):
             dropped = run["hosts"]["controller"]["link"]["etf"]["dropped_frames"]
             self.assertGreater(dropped, 0)
             self.assertEqual((run["error"], run["lost"]), (None, dropped))
-            self.assertIn(f"dropped by etf {dropped} frame", answer.stdout.replace("\n    ", " "))
+            self.assertIn(f"etf dropped {dropped} frame", answer.stdout.replace("\n    ", " "))
 
     @of_all
     def test_traffic_that_ruins_best_effort_does_not_touch_a_window(self):

@@ -90,7 +90,7 @@ class Neighbours(Program):
         scenario = self.scenario("5 s", text=SEARCH, transports=DDS[:1])
         answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("how far neighbours.rate can be turned up", answer.stdout)
+        self.assertIn("highest neighbours.rate without a miss", answer.stdout)
         first = self.report()
         steps = [(run["variant"], run["repetition"]) for run in first]
         self.assertEqual(steps[:4], [(f"neighbours.rate {rate}", times) for rate in ("1 Hz", "2 Hz") for times in (1, 2)])

@@ -425,13 +425,13 @@ class Results(unittest.TestCase):
         self.measured()
         self.import_file(HISTOGRAM)
         out = self.ontime("report", self.results, "--full").stdout
-        self.assertIn("imported: waking up, not round trips", out)
+        self.assertIn("imported wake-up latencies", out)
         self.assertIn("thread 0 (old.txt)", out)
         self.assertEqual(len(self.ontime("export", self.results, "--run", "2").stdout.splitlines()), 1)
         self.assertIn("imported", self.ontime("report", self.results, "--fail-if", "late > 100000", code=1).stderr)
         other = self.folder / "other.ontime"
         shutil.copy(self.results, other)
-        self.assertIn("no interval can be given", self.ontime("compare", self.results, other).stdout)
+        self.assertIn("no confidence interval", self.ontime("compare", self.results, other).stdout)
 
     def test_what_is_wrong_changes_nothing(self):
         self.measured()

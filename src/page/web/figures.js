@@ -6,7 +6,7 @@ const data = JSON.parse(document.getElementById("data").textContent);
 
 function fail(error) {
   d3.select("main").insert("p", ":first-child").attr("class", "note fault").attr("role", "alert")
-    .text(`The figures cannot be drawn here: ${error}. The tables hold. A browser of 2023 or later draws them.`);
+    .text(`The figures cannot be drawn: ${error}. The tables are complete. Fix: use a browser of 2023 or later.`);
 }
 
 // "1.23 ms": three figures, as much as a page's codes carry.
@@ -294,7 +294,7 @@ const allOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i
 function runsOf(figure) {
   const all = allOf(figure), lost = all.filter(run => !run.round_trip);
   if (lost.length > 0)
-    d3.select(figure).append("p").attr("class", "note").text(`Not here, for nothing came back: ${lost.map(run => run.label).join(", ")}.`);
+    d3.select(figure).append("p").attr("class", "note").text(`Not shown (no answers): ${lost.map(run => run.label).join(", ")}.`);
   return all.filter(run => run.round_trip);
 }
 
@@ -372,7 +372,7 @@ function drawCcdf(figure) {
   lines.frame.key = () => [...key(), ...(kind === "roundTrips" && series.some(one => one.bound && !lines.hidden.has(one))
     ? [{ className: "line expected key", dash: "1 4", text: "extrapolated worst case, with its interval" }] : [])];
   lines.frame.tools.insert("button", ".save").attr("type", "button").attr("aria-pressed", "false").text("response")
-    .attr("title", "of every cycle from when it was due, instead of every message from when it was sent")
+    .attr("title", "of each cycle from when it was due, not of each message from when it was sent")
     .on("click", (_, i, [button]) => {
       kind = kind === "roundTrips" ? "responses" : "roundTrips";
       d3.select(button).attr("aria-pressed", kind === "responses");

@@ -33,7 +33,7 @@ class TimePlot {
     this.frame.area.call(this.zoom);
     if (course.of > 1)
       d3.select(figure).append("p").attr("class", "note")
-        .text(`All messages are too many for a page: of each ${number(2 * course.of)} the fastest, the slowest and one that was lost are here.`);
+        .text(`Too many messages for a page: of each ${number(2 * course.of)}, only the fastest, the slowest and one lost message are shown.`);
     this.buttons();
     this.frame.onResize(() => this.resize());
   }

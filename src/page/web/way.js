@@ -26,7 +26,7 @@ class WayPlot {
     this.names = this.frame.svg.append("g").attr("transform", `translate(${this.frame.margin.left},${this.frame.margin.top})`);
     this.frame.addReadout((px, py) => this.tell(px, py));
     if (drawing.uncertainty_ns > 0)
-      d3.select(figure).append("p").attr("class", "note").text("The two machines’ clocks are related by the run’s answers: " +
+      d3.select(figure).append("p").attr("class", "note").text("The clocks of the two machines are aligned by the run’s answers: " +
         `times of pong’s machine may be off by ±${time(drawing.uncertainty_ns)}.`);
     const step = by => {
       const at = (this.place === undefined ? this.x(this.due) : this.place) + by * this.frame.width / 50;
