@@ -80,7 +80,7 @@ TEST(Reader, RowsBeginNearZero) {
 TEST(Reader, SaysWhatItIsAndWhatItsTransportSays) {
   const auto remarks = findings_of({}).remarks;
   EXPECT_THAT(remarks, Contains("a remark"));
-  EXPECT_THAT(remarks, Contains(HasSubstr("last resort")));
+  EXPECT_THAT(remarks, Contains(HasSubstr("--reader")));
 }
 
 }  // namespace

@@ -117,7 +117,8 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   results_.end(findings, interrupted || !failure_.empty());
   // Before it was there, is_there() has told it.
   if (!failure_.empty())
-    return there_ ? std::vector{"listening ended before the run: " + failure_} : std::vector<std::string>{};
+    return there_ ? std::vector{"listening ended before the run ended: " + failure_}
+                  : std::vector<std::string>{};
   std::set<std::string> seen, others;
   for (const auto& flow : findings.flows) seen.insert(flow.topic);
   for (const auto& flow : findings_.flows) others.insert(flow.topic);
@@ -125,10 +126,10 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   for (const auto& topic : topics_)
     if (!seen.contains(topic))
       remarks.push_back(
-          fmt::format("no message of '{}' was seen on this machine{}; see: ontime listen --list", topic,
-                      spelling::suggestion(topic, {others.begin(), others.end()})));
+          fmt::format("no message of '{}' was seen on this machine{}; list all topics: ontime listen --list",
+                      topic, spelling::suggestion(topic, {others.begin(), others.end()})));
   if (!results_.failure().empty())
-    remarks.push_back(fmt::format("not all messages were kept: {}", results_.failure()));
+    remarks.push_back(fmt::format("not all messages were recorded: {}", results_.failure()));
   return remarks;
 }
 

@@ -293,7 +293,7 @@ void ListenResults::note_not_judged(const Kept& kept) {
   if (kept.counted.not_judged > 0)
     writer_.note(kept.run,
                  {"not-judged",
-                  fmt::format("{} messages of the flow are not judged: ontime set or removed probes then",
+                  fmt::format("{} messages of the flow are not judged: ontime was setting or removing probes",
                               kept.counted.not_judged),
                   std::nullopt, std::nullopt});
 }
@@ -318,13 +318,15 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
         writer_.note(run, {kind, text, std::nullopt, std::nullopt});
       };
       if (wanted.sensor_lost > 0)
-        note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
-                                        "counted across them",
-                                        wanted.sensor_lost));
+        note("sensor-lost",
+             fmt::format("the sensor dropped {} events of all topics: losses and periods across "
+                         "these gaps are not counted",
+                         wanted.sensor_lost));
       note_not_judged(kept);
       if (!pauses.empty()) note("pauses", pauses);
       if (left_out_ > 0)
-        note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));
+        note("left-out",
+             fmt::format("{} messages of all topics are left out: their times are invalid", left_out_));
       writer_.end_run(kept.run, outcome);
     }
     writer_.flush();

@@ -30,7 +30,7 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
   };
   if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
       limits.age && found != findings.flows.end()) {
-    print_error(fmt::format("open: --age {}: the age of {} is not known", arguments.age,
+    print_error(fmt::format("open: --age {}: the age of {} is unknown", arguments.age,
                             table::printable(found->topic)));
     return 1;
   }
@@ -40,7 +40,7 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
   if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
       limits.longest_gap() && found != findings.flows.end()) {
     print_error(fmt::format(
-        "open: no period of {} was judged, because ontime set or removed probes then: listen longer",
+        "open: no period of {} is judged: ontime was setting or removing probes. Fix: listen longer",
         table::printable(found->topic)));
     return 1;
   }

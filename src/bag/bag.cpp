@@ -45,9 +45,9 @@ class Bag final : public listen::Sensor {
  private:
   void end_file() {
     if (const auto cut = reader_->cut(); !cut.empty())
-      files_.remarks.push_back(
-          fmt::format("{}: {}: its recorder was killed, or the file was cut. What comes before counts",
-                      files_.paths[next_], cut));
+      files_.remarks.push_back(fmt::format(
+          "{}: {}: the recorder was killed, or the file was truncated. ontime judges the part before",
+          files_.paths[next_], cut));
     judge_.end_file();
     reader_.reset();
     ++next_;

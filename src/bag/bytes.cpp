@@ -31,7 +31,7 @@ bool Bytes::skip(std::uint64_t count) {
 File::File(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) {
-    error_ = error ? error.message() : "it is not a file";
+    error_ = error ? error.message() : "not a regular file";
     return;
   }
   size_ = std::filesystem::file_size(path, error);

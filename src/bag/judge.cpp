@@ -304,31 +304,31 @@ listen::Findings Judge::findings() const {
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(
-          fmt::format("{} messages {} (the first is of {})", oddity.messages, what, oddity.topic));
+          fmt::format("{} messages {} (first topic: {})", oddity.messages, what, oddity.topic));
   };
   remark(unset_, "have a header.stamp of 0: their age is unknown");
-  remark(foreign_clock_,
-         "have a stamp that is more than a year from their recording: it is by another clock, such as "
-         "simulated time, and their age is unknown");
+  remark(
+      foreign_clock_,
+      "have a stamp more than a year from their recording, by another clock, such as simulated time: their "
+      "age is unknown");
   remark(ahead_,
-         "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
+         "have a stamp later than their recording: the writer's clock is ahead; their age counts as 0");
   remark(was_set_,
-         "are the first of their topic after the recorder's clock was set, or not in order: no period is "
+         "are the first of their topic after the recorder's clock was set, or out of order: no period is "
          "counted there");
   if (pauses_ > 0)
     findings.remarks.push_back(
         fmt::format("no topic was recorded for {:.0f} s{}: the recorder was paused, its clock was set "
-                    "forward, or nothing "
-                    "was sent. The gaps there count",
+                    "forward, or nothing was sent. These gaps count",
                     static_cast<double>(longest_pause_ns_) / 1e9,
                     pauses_ == 1 ? "" : fmt::format(", and {} more times for 10 s or longer", pauses_ - 1)));
   if (mixed_.messages > 0)
     findings.remarks.push_back(fmt::format(
-        "the numbers of several writers are mixed in {}{}: what is lost there is unknown", mixed_.topic,
+        "sequence numbers of several writers are mixed in {}{}: losses there are unknown", mixed_.topic,
         mixed_.messages == 1 ? "" : fmt::format(" and {} more topics", mixed_.messages - 1)));
   if (left_out_ > 0)
     findings.remarks.push_back(
-        fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));
+        fmt::format("{} messages are not counted: the bag has more than {} topics", left_out_, most_flows));
   return findings;
 }
 

@@ -74,11 +74,11 @@ class InProcesses final : public Sensor {
       const int error = errno;
       throw Error(
           error == EPERM || error == EACCES
-              ? "listen: the kernel refuses probes to this user. Run it by sudo (a kernel in lockdown "
-                "refuses anyway: /sys/kernel/security/lockdown)"
+              ? "listen needs root: the kernel denied probes. Fix: sudo ontime listen. If root is denied "
+                "too, check the container's privileges and /sys/kernel/security/lockdown"
               : fmt::format(
-                    "listen: the kernel cannot load the probes: {}. It needs Linux 5.15 or newer with "
-                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
+                    "listen: the kernel cannot load the probes: {}. They need Linux 5.15 or newer with "
+                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Without probes: --packets or --pcap",
                     reason(error)));
     }
     ring_.reset(ring_buffer__new(
@@ -89,7 +89,7 @@ class InProcesses final : public Sensor {
           return now_ns() < sensor.read_until_ns_ ? 0 : -1;
         },
         this, nullptr));
-    if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
+    if (!ring_) throw Error(fmt::format("listen: cannot create a BPF ring buffer: {}", reason(errno)));
     const auto& programs = probes_->progs;
     costs_ = measure_probe_costs(programs.publish, programs.rmw_take, programs.rmw_taken);
     read();
@@ -125,8 +125,8 @@ class InProcesses final : public Sensor {
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
     if (clock_was_set_ > 0)
       findings.remarks.push_back(fmt::format(
-          "the clock was set, or the machine slept, {} times, by {:.3f} s at the last. No age and no "
-          "loss is known across that",
+          "the clock was set, or the machine slept, {} times, the last time by {:.3f} s. Ages and losses "
+          "across these times are unknown",
           clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
     return findings;
   }
@@ -276,10 +276,9 @@ class InProcesses final : public Sensor {
     if (!library.is_on_overlay && everywhere_.contains(library.use())) return;
     const auto wishes = fastdds_wishes(*probes_, library.path);
     if (!wishes) {
-      remark(
-          fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see "
-                      "the packets: --packets any",
-                      library.name, process.id));
+      remark(fmt::format(
+          "{} of process {} is not Fast DDS 2: probes cannot see its messages. Fix: --packets any",
+          library.name, process.id));
       return;
     }
     if (!wishes->knows_topics) remark_unnamed(process.id, library);
@@ -298,7 +297,7 @@ class InProcesses final : public Sensor {
   }
 
   void remark_unnamed(std::uint32_t process, const Mapping& library) {
-    remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
+    remark(fmt::format("{} of process {} has an unknown layout: its topics have no names", library.name,
                        process));
   }
 
@@ -335,7 +334,7 @@ class InProcesses final : public Sensor {
             bpf_program__attach_uprobe_opts(program, process, mapping.path.c_str(), place.offset, &options);
         if (link == nullptr) {
           const auto why = reason(errno);
-          throw Error(fmt::format("a probe at {}: {}", plain(function), why));
+          throw Error(fmt::format("cannot set a probe at {}: {}", plain(function), why));
         }
         own.emplace_back(link, bpf_link__destroy);
       };
@@ -359,7 +358,7 @@ class InProcesses final : public Sensor {
         if (!is_cheap) costly.insert(plain(wish.function));
       }
       if (!costly.empty())
-        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
+        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs about 10 µs more",
                            mapping.name, fmt::join(costly, ", ")));
     } catch (const Error& error) {
       own.clear();
@@ -386,9 +385,9 @@ class InProcesses final : public Sensor {
     if (is_paused_) return;  // some of the probes are not set
     if (event.kind != ontime_turned && event.is_handle != 0) find_name(event);
     if (event.kind == ontime_taken && event.is_below_rmw != 0 && event.is_handle == 0 && event.stamp_ns == 0)
-      remark(fmt::format(
-          "process {}: its messages have no time stamp of a known form: their age and losses stay unknown",
-          event.process));
+      remark(
+          fmt::format("process {}: its messages have no known time stamp: their age and losses are unknown",
+                      event.process));
     Observation seen{.kind = event.kind == ontime_published ? Observation::Kind::published
                              : event.kind == ontime_turned  ? Observation::Kind::turned
                                                             : Observation::Kind::taken,
@@ -421,7 +420,7 @@ class InProcesses final : public Sensor {
     if (!own.offset_of_name || messages_.has_name(event.process, event.endpoint)) return;
     if (own.unnamed.size() == most_handles)
       return remark(
-          fmt::format("process {}: of more than {} topics no name was found", event.process, most_handles));
+          fmt::format("process {}: more than {} topics have no known name", event.process, most_handles));
     own.unnamed.emplace(event.endpoint, 0);
     if (!own.finder.empty() || !own.can_find) return;
     // Each call that has a handle ends so. Of a writer and a reader the first member behind what all entities

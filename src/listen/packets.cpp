@@ -54,7 +54,7 @@ Packets::Packets(int link_type) : link_type_(link_type) {
   for (const int known : {DLT_EN10MB, DLT_LINUX_SLL, DLT_LINUX_SLL2, DLT_RAW})
     if (link_type == known) return;
   throw Error(fmt::format(
-      "these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked (113, 276) are read",
+      "link type {} is not supported; supported: Ethernet (1), raw IP (12), Linux cooked (113, 276)",
       link_type));
 }
 

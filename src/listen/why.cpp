@@ -206,7 +206,7 @@ class Search {
       case Cause::page_fault:
         return "lock its memory: mlockall() in the node";
       case Cause::busy:
-        return "shorter callbacks, or a thread of its own for this topic";
+        return "shorter callbacks, or a separate thread for this topic";
       default:
         return explain::advice_of(part, victim);
     }
@@ -226,7 +226,7 @@ class Search {
     if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
     auto whole = *most;
     whole.ns = all_ns;
-    whole.culprit = fmt::format("{} others, {} for longest,", names.size(), most->culprit);
+    whole.culprit = fmt::format("{} others (longest: {})", names.size(), most->culprit);
     whole.culprit_threads.clear();
     return seen(whole);
   }
@@ -236,14 +236,14 @@ class Search {
     Why why{.cause = explain::word_of(Cause::unknown), .sentence = "cause not seen: "};
     const auto& writer = miss_.writer;
     if (leg_.is_publishers)
-      why.sentence += fmt::format("{} [{}] published it late, and no event shows that it was held up",
-                                  writer.name, writer.process);
+      why.sentence += fmt::format("{} [{}] published it late, and no kernel event explains why", writer.name,
+                                  writer.process);
     else if (miss_.course.missing > 0)
       why.sentence += fmt::format("{} messages before it were published and not taken", miss_.course.missing);
     else if (writer.process == 0)
-      why.sentence += "its writer is not known on this machine, and its reader was not held up";
+      why.sentence += "its writer is unknown on this machine, and its reader was not delayed";
     else
-      why.sentence += "no event shows what held it up between its two ends";
+      why.sentence += "no kernel event explains the delay between writer and reader";
     return why;
   }
 
@@ -280,7 +280,7 @@ Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) 
                                     static_cast<double>(usual_ns) / 1e6, is_gap ? "apart" : "old")};
   if (!window.whole)
     return {.cause = explain::word_of(Cause::unknown),
-            .sentence = "cause not seen: the kernel's events of that time are not all there"};
+            .sentence = "cause not seen: some kernel events of that time are missing"};
   return Search(miss, window, owner_of).why();
 }
 

@@ -205,14 +205,14 @@ Findings Wire::findings() const {
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });
   if (cut_ > 0)
     findings.remarks.push_back(
-        fmt::format("{} datagrams were captured in part: no loss is counted across them", cut_));
+        fmt::format("{} datagrams were captured only in part: losses across them are not counted", cut_));
   if (left_out_ > 0)
-    findings.remarks.push_back(fmt::format("{} messages came from more than {} writers and are not counted",
-                                           left_out_, most_writers));
+    findings.remarks.push_back(
+        fmt::format("{} messages are not counted: there are more than {} writers", left_out_, most_writers));
   if (std::ranges::any_of(findings.flows, [](const auto& flow) { return flow.topic.empty(); }))
     findings.remarks.emplace_back(
-        "a writer's topic is known only when its discovery is captured: start the capture before the nodes, "
-        "or judge in the processes");
+        "some writers have no topic name, because their discovery was not captured. Start the capture before "
+        "the nodes, or judge in the processes");
   return findings;
 }
 
