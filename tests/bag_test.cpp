@@ -170,7 +170,7 @@ TEST_F(Bags, FolderIsReadInTheOrderOfItsMetadata) {
   EXPECT_THAT(findings.remarks, IsEmpty());
 }
 
-TEST_F(Bags, WhatMetadataSaysOfTopicsAndCompressionIsRemarked) {
+TEST_F(Bags, SilentTopicsAndCompressionInMetadataAreRemarked) {
   fs::create_directory(folder_ / "drive");
   write("drive/drive_0.mcap", mcap(channel(1, 0, "/a") + message(1, {start})));
   write("drive/metadata.yaml",
@@ -191,7 +191,7 @@ TEST_F(Bags, FolderWithoutMetadataIsReadByNumber) {
   EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("metadata.yaml"), HasSubstr("drive_10.mcap")));
 }
 
-TEST_F(Bags, WhatIsNoBagIsRefusedWithWhatToDo) {
+TEST_F(Bags, OtherFilesAreRefusedWithTheFix) {
   EXPECT_THAT(error_of(write("a.db3.zstd", "\x28\xb5\x2f\xfd....")), HasSubstr("zstd -d"));
   EXPECT_THAT(error_of(write("a.bag", "#ROSBAG V2.0\n")), HasSubstr("mcap convert"));
   EXPECT_THAT(error_of(write("a.mcap", "\x89MCAP1\r\n")), HasSubstr("version"));
