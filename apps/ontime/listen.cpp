@@ -36,7 +36,7 @@ using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
 
-// Longer than a day, every message would fill a disk.
+// From a day on, recording every message would fill a disk.
 constexpr auto most_whole = 24h;
 constexpr std::uint64_t usual_keep = 150'000'000, least_keep = 10'000'000;
 
@@ -51,7 +51,7 @@ std::optional<std::chrono::nanoseconds> time_to_listen(const std::string& text) 
   return time;
 }
 
-// How large the results file may become, where it keeps the worst only.
+// The bound of a results file that keeps only the worst messages; empty: it keeps all.
 std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
                                       std::optional<std::chrono::nanoseconds> time) {
   if (arguments.keep.empty())
@@ -116,7 +116,7 @@ class Listening {
                       arguments_.is_recording(), most_bytes_.has_value());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
-    sensor->listen_for(0ms);  // finds the nodes, and sets probes: on a busy machine that takes seconds
+    sensor->listen_for(0ms);  // finds the nodes and sets probes, which takes seconds on a busy machine
     listens_since_ = std::chrono::steady_clock::now();
     own_before_ = own_cpu_time();
     counted_from_ = std::chrono::system_clock::now();
@@ -126,7 +126,7 @@ class Listening {
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
-      // All flows are copied for it: once a second is enough.
+      // This copies all flows: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
           (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
         hand_over_at = now + 1s;
@@ -144,7 +144,7 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    // Without --for an interruption is how listening to what goes on ends.
+    // Without --for, live listening ends by Ctrl-C.
     const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording());
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     write(findings);
@@ -156,7 +156,7 @@ class Listening {
   }
 
  private:
-  // What came of a damaged file is in no results file.
+  // A damaged file adds nothing to the results file.
   static bool listen_on(listen::Sensor& sensor, std::optional<ListenResults>& results) try {
     return sensor.listen_for(200ms);
   } catch (const listen::WrongInput&) {
@@ -182,7 +182,7 @@ class Listening {
     return findings;
   }
 
-  // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
+  // nullptr: no limit is set, there are no probes, or this machine cannot record (which it reports).
   std::unique_ptr<listen::Explainer> make_explainer() const {
     if (!limits_.any() || !arguments_.is_in_processes() || arguments_.list || arguments_.no_explain)
       return nullptr;
@@ -194,7 +194,8 @@ class Listening {
     }
   }
 
-  // What comes after a message belongs to its surroundings: those are kept of the worst, which come first.
+  // Misses wait until the events after them are recorded. The worst come first, because only the first are
+  // explained.
   std::vector<listen::Miss> ready(std::vector<listen::Miss> misses) {
     if (!most_bytes_) return misses;
     std::move(misses.begin(), misses.end(), std::back_inserter(waiting_));
@@ -216,7 +217,7 @@ class Listening {
            static_cast<double>(std::max<std::int64_t>(limit.value_or(0ns).count(), 1));
   }
 
-  // As they come; as JSON, those that were the last.
+  // Prints misses as they arrive; as JSON, keeps the last ones.
   void take(std::vector<listen::Miss> misses, listen::Explainer* explainer, ListenResults* results) {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
@@ -228,7 +229,7 @@ class Listening {
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
   }
 
-  // Where the worst are kept, those that were looked at, or as many.
+  // If only the worst are kept: those that were explained, or as many.
   void note(const std::vector<listen::Miss>& misses, bool is_explained, ListenResults& results) const {
     std::size_t noted = 0;
     for (const auto& miss : misses)
@@ -238,7 +239,7 @@ class Listening {
       }
   }
 
-  // The first of each cause: a person who is flooded reads none.
+  // Only the first of each cause, so that the output stays readable.
   void print(const std::vector<listen::Miss>& misses) {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
     std::set<Cause> shown;
@@ -275,7 +276,7 @@ class Listening {
                                   : "to list all topics of the bag, omit --topic";
   }
 
-  // Remarks on what was asked for and not seen.
+  // Adds remarks on requested topics that were not seen.
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
     for (const auto& flow : findings.flows) seen.insert(flow.topic);
@@ -371,9 +372,9 @@ class Listening {
     return json;
   }
 
-  // What came before is in no number.
+  // Earlier messages are not counted.
   std::string text_of_time() const {
-    const std::chrono::duration<double> time = listened();  // though the clock may be set meanwhile
+    const std::chrono::duration<double> time = listened();  // steady, even if the clock is set meanwhile
     return labelled(
         "counted",
         fmt::format("from {:%T}, for {:.1f} s; a node that starts later: within 1 s of its start",
@@ -396,15 +397,15 @@ class Listening {
   const ListenArguments& arguments_;
   const listen::Limits limits_;
   const std::vector<listen::ChainWish> chains_;
-  std::set<std::string> topics_;  // that were asked for; empty: all
-  std::set<std::string> unseen_;  // of these
+  std::set<std::string> topics_;  // requested; empty: all
+  std::set<std::string> unseen_;  // requested, and not seen
   std::optional<std::chrono::nanoseconds> time_;
   std::optional<ListenBudget> budget_;
-  const std::optional<std::uint64_t> most_bytes_;  // of results that keep the worst only
-  std::vector<listen::Miss> waiting_;              // for what comes after them
+  const std::optional<std::uint64_t> most_bytes_;  // of results that keep only the worst
+  std::vector<listen::Miss> waiting_;              // for the events after them
   const bool as_json_;
   Output output_;
-  // From when on messages are counted, and CPU time.
+  // Start of counting messages and CPU time.
   std::chrono::system_clock::time_point counted_from_;
   std::chrono::steady_clock::time_point listens_since_;
   std::chrono::nanoseconds own_before_{};

@@ -44,7 +44,7 @@ listen::ChainWish chain_of(const std::string& text) {
   return chain;
 }
 
-// The end of a name matters less than a line that is not broken.
+// Cuts the end of a long name: a wrapped line is harder to read.
 std::string line(const std::string& text) { return table::shortened(text, text_width - 1) + "\n"; }
 
 std::string number(std::int64_t ns) { return fmt::format("{:>8}", in_ms(ns)); }
@@ -57,7 +57,7 @@ std::string topic_name(const listen::ChainWish& wish, std::size_t topic) {
   return table::printable(wish.steps[topic].topic);
 }
 
-// Parts: a topic, a node, a topic, …
+// Parts alternate: a topic, a node, a topic, …
 std::string name_of_part(const listen::ChainWish& wish, const listen::ChainPath& path, std::size_t part) {
   const auto topic = part / 2;
   if (part % 2 == 0)

@@ -13,7 +13,7 @@
 namespace ontime::app {
 namespace {
 
-// Over the first of ontime's transports that can.
+// Uses the first installed transport that can read topics of any type.
 std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
   const auto names = transport::available();
   std::string missing;

@@ -24,7 +24,7 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
     return 2;
   if (limits.any() && findings.flows.empty()) return 1;
   if (findings.all_forgotten().with_misses > 0) return 1;
-  // What no process takes has no age, and needs none.
+  // A topic that no process takes has no age, and needs none.
   const auto lacks_age = [&](const listen::Flow& flow) {
     return !is_age_known(flow) && (flow.reader.process != 0 || !arguments.is_in_processes());
   };

@@ -32,7 +32,7 @@ const char* start_of_age(listen::AgeFrom from) {
                                           : "publish time";
 }
 
-// Of a recorded message it says from when to when.
+// For recorded messages, states where the age starts and ends.
 std::string age_of(const listen::Flow& flow) {
   if (!flow.age) return "age unknown";
   return (flow.age_from == listen::AgeFrom::writer

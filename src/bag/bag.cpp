@@ -9,7 +9,7 @@
 namespace ontime::bag {
 namespace {
 
-// At once: no more misses than wait to be taken.
+// Per call: no more misses than may wait to be taken.
 constexpr std::size_t most_messages = listen::most_misses / 2;
 
 class Bag final : public listen::Sensor {
@@ -18,7 +18,7 @@ class Bag final : public listen::Sensor {
     reader_ = reader_of(files_.paths.front());
   }
 
-  // Without a wait: all of it is there.
+  // Does not wait: the file is complete.
   bool listen_for(std::chrono::milliseconds) override {
     for (std::size_t i = 0; i < most_messages; ++i) {
       if (reader_ == nullptr) {

@@ -24,7 +24,7 @@ constexpr auto sqlite_magic = "SQLite format 3\0"sv, mcap_magic = "\x89MCAP0\r\n
 constexpr auto results_magic = "ontm"sv;  // https://sqlite.org/fileformat.html: the application's number
 constexpr std::size_t results_magic_at = 68;
 
-// The first bytes of a file; fewer, or none, where there are no more.
+// The first bytes of a file; fewer if the file is shorter.
 std::string beginning_of(const std::string& path, std::size_t most) {
   std::string begin(most, '\0');
   File file(path);
@@ -54,7 +54,7 @@ std::string metadata_in(const std::string& path) {
   return text;
 }
 
-// Topics that were recorded, and had no message.
+// Recorded topics without messages.
 std::string silent_in(const YAML::Node& topics) {
   std::string names;
   std::size_t more = 0;
@@ -89,7 +89,7 @@ Files files_by(const fs::path& metadata) {
   return files;
 }
 
-// The number of a file among those into which a bag is split: 12 of "drive_12.db3".
+// The number of a file of a split bag: 12 of "drive_12.db3".
 std::pair<std::size_t, std::string> order_of(const std::string& path) {
   const auto stem = fs::path(path).stem().string();
   const auto begin = stem.find_last_not_of("0123456789");

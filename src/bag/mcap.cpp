@@ -84,14 +84,14 @@ class Chunk final : public Bytes {
     }
     records_.emplace(decompressed_ ? static_cast<Bytes&>(*decompressed_) : *stored_, size);
   }
-  // skip() reads as well, so that the sum is of all.
+  // skip() reads too, so that the checksum covers all bytes.
   std::size_t read(std::span<std::byte> to) override {
     const auto count = records_->read(to);
     sum_ = crc32_z(sum_, reinterpret_cast<const Bytef*>(to.data()), count);
     return count;
   }
   std::uint64_t left() const { return records_->left(); }
-  // What follows in the record is of a later version of the format.
+  // Further bytes of the record belong to a later version of the format.
   void finish() {
     if (expected_ != 0 && expected_ != sum_) throw Damage{"a chunk with a checksum error"};
     if (!stored_->skip_rest() || !body_.skip_rest()) throw Short{};
@@ -213,7 +213,7 @@ class Mcap final : public Reader {
     message.sequence = read_number<std::uint32_t>(body);
     message.recorded_ns = time_of(read_number<std::uint64_t>(body));
     message.published_ns = time_of(read_number<std::uint64_t>(body));
-    // Without a time of its own, that of the recording stands there.
+    // If the writer gave no time, this is the time of recording.
     if (message.published_ns == message.recorded_ns) message.published_ns = 0;
     if (message.topic->has_header) {
       std::array<std::byte, stamp_end> begin;

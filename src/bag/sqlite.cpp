@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // rosbag2's SQLite: a row of `topics` for each topic, one of `messages` for each message. The file may be
-// made to mislead: nothing runs that is in its schema, and no step takes for ever.
+// hostile: no trigger or view of its schema runs, and each step ends.
 #include <array>
 #include <filesystem>
 #include <map>
@@ -15,11 +15,11 @@
 namespace ontime::bag {
 namespace {
 
-constexpr int most_text_bytes = 4 << 20;  // of a value, but of messages
-constexpr int most_steps = 1'000'000;     // of SQLite's own, between two rows
+constexpr int most_text_bytes = 4 << 20;  // of a value, except message data
+constexpr int most_steps = 1'000'000;     // of SQLite's virtual machine, between two rows
 constexpr std::size_t most_topics = 1 << 16;
 
-// Absolute, so that no path means something else to SQLite, as ":memory:" does.
+// Absolute, because SQLite treats names such as ":memory:" specially.
 std::string uri_of(const std::string& path, bool immutable) {
   std::string uri = "file:";
   for (const char c : std::filesystem::absolute(path).string()) {
@@ -36,7 +36,7 @@ class Database {
   explicit Database(const std::string& path) : path_(path) {
     require_files_beside();
     open(false);
-    // Where it lies in a read-only place, and nothing waits beside it, it can be read without a lock.
+    // In a read-only folder without a log, the file can be read without a lock.
     if (const int code = run("SELECT 1 FROM sqlite_schema"); code != SQLITE_OK) {
       if (((code & 0xff) != SQLITE_CANTOPEN && (code & 0xff) != SQLITE_READONLY) || has_log()) fail(code);
       open(true);
@@ -104,7 +104,7 @@ class Database {
     return std::filesystem::file_size(path_ + "-wal", error) > 0 && !error;
   }
 
-  // SQLite opens what lies beside a file by its name; to open a FIFO would wait for ever.
+  // SQLite opens files with these suffixes; opening a FIFO would wait for ever.
   void require_files_beside() const {
     std::error_code ignored;
     for (const auto* suffix : {"-wal", "-shm", "-journal"}) {

@@ -14,9 +14,9 @@ namespace ontime::listen {
 namespace {
 
 constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
-// At once: fewer than the ring holds, so that drops are noted before the packets behind them are read.
+// Per call: fewer than the ring holds, so that drops are noted before the packets behind them are read.
 constexpr int most_packets = 64;
-constexpr std::int64_t latest_s = 4'000'000'000;  // a later time is no time; the year 2096
+constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; the year 2096
 // RTPS over IPv4, later fragments of anything, and UDP over IPv6.
 constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
 
@@ -68,7 +68,7 @@ class Capture final : public Sensor {
  private:
   static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
     auto& capture = *reinterpret_cast<Capture*>(self);
-    // The handle was asked for nanoseconds, which stand where microseconds would.
+    // The handle is set to nanoseconds: they are in tv_usec.
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
     capture.origin_.begin(at_ns);
@@ -96,7 +96,7 @@ class Capture final : public Sensor {
   Handle handle_;
   const bool is_live_;
   const Limits limits_;
-  std::int64_t latest_ns_ = 0;  // of the packet before: the clock may have been set back
+  std::int64_t latest_ns_ = 0;  // of the previous packet: the clock may be set back
   std::int64_t read_ns_ = 0;    // of a live source: all until then was read
   Origin origin_;
   Packets packets_;

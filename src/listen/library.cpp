@@ -16,7 +16,7 @@
 namespace ontime::listen {
 namespace {
 
-// A process may map any file by a middleware's name.
+// A process may map any file under the name of a middleware.
 constexpr std::size_t most_code_bytes = 64 << 10, most_bytes_of_all = 4 << 20;
 constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
 constexpr std::uint64_t most_section_bytes = 64 << 20;

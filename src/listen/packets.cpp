@@ -129,7 +129,7 @@ std::optional<Datagram> Packets::ipv6(Bytes packet) {
   return udp(AF_INET6, source, destination, *all);
 }
 
-// The datagram, once each of its pieces was here. Pieces that overlap only make one that is not RTPS.
+// The datagram, when all of its fragments arrived. Overlapping fragments only make one that is not RTPS.
 std::optional<Packets::Bytes> Packets::whole(Bytes source, Bytes destination, std::uint32_t identification,
                                              std::size_t at, bool is_last, Bytes piece) {
   const auto end = at + piece.size();
