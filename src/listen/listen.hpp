@@ -231,9 +231,9 @@ struct Cost {
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;        // by topic, writer and reader
-  std::vector<Chain> chains;      // as requested
-  std::uint64_t sensor_lost = 0;  // events or packets dropped by the sensor: buffer full
+  std::vector<Flow> flows;                               // by topic, writer and reader
+  std::vector<Chain> chains;                             // as requested
+  std::uint64_t sensor_lost = 0;                         // events or packets that the sensor dropped
   std::map<std::string, std::uint64_t> misses_left_out;  // by topic: beyond most_misses
   // Flows of ended processes beyond the bound of `flows`, by topic.
   struct Forgotten {
