@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What both hand-written loops measure with.
+// Measures the round trips of both hand-written loops.
 #pragma once
 
 #include <algorithm>
@@ -21,7 +21,7 @@ inline int failed(const char* what) {
   return 3;
 }
 
-// Counts from the thousandth answer on, for so many seconds.
+// Counts answers from the thousandth on, for this duration.
 class RoundTrips {
  public:
   explicit RoundTrips(double seconds)
@@ -41,7 +41,7 @@ class RoundTrips {
   // One line of JSON.
   int print() {
     if (counted_ns_.empty()) {
-      std::fputs("no pong answered within 10 s\n", stderr);
+      std::fputs("timed out waiting 10 s for pong\n", stderr);
       return 3;
     }
     std::sort(counted_ns_.begin(), counted_ns_.end());
@@ -52,7 +52,7 @@ class RoundTrips {
   }
 
  private:
-  // The smallest that so many of a thousand do not exceed.
+  // Nearest rank: the smallest value that so many thousandths of all values do not exceed.
   double us(std::size_t thousandths) const {
     const std::size_t rank = (counted_ns_.size() * thousandths + 999) / 1000;
     return static_cast<double>(counted_ns_[rank - 1]) / 1000;

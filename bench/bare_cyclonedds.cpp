@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A round trip by hand over Cyclone DDS: a listener that takes CDR and writes CDR, on ontime's own type.
+// A hand-written round trip over Cyclone DDS: a listener that takes CDR and writes CDR, with ontime's own
+// type.
 //   bare_cyclonedds pong DOMAIN PAYLOAD [reliable]
 //   bare_cyclonedds ping DOMAIN PAYLOAD SECONDS [reliable]     round trips, a line of JSON
 #include <atomic>

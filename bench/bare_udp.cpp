@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A round trip by hand over plain sockets: what one writes without ontime, and what ontime's loop is held to.
+// A hand-written round trip over plain sockets: the reference for ontime's loop.
 //   bare_udp pong PORT BYTES
 //   bare_udp ping PORT BYTES SECONDS     round trips on loopback, a line of JSON
 #include <cstdint>
@@ -39,7 +39,7 @@ int pong(int fd, const sockaddr_in& address, std::vector<char> message) {
 }
 
 int ping(int fd, const sockaddr_in& address, std::vector<char> message, double seconds) {
-  // A datagram may be lost, and pong may start later than we.
+  // A datagram may be lost, and pong may start later than ping.
   const timeval timeout{0, 500'000};
   setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
   if (connect(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A results file of a run that nobody has twelve hours for: docs/reference/results-file.md's tables, filled with samples that look
+"""Writes a results file of a synthetic 12-hour run: the tables of docs/reference/results-file.md, with samples that look
 measured. The same seed makes the same file."""
 import contextlib
 import json
@@ -34,7 +34,7 @@ def asked(messages, **own):
 
 
 def samples(run, messages, seed=1):
-    """A stall now and then, slower for hours and then again not, and of a million a few that are lost."""
+    """Round trips with rare stalls, a slow drift, and about one loss in a million."""
     chance = random.Random(seed)
     drift = 0.0
     for i in range(messages):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What bench/run sets side by side: ontime, the field's own tools, loops written by hand. docs/evidence/benchmarks.md says how
-that is made fair.
+"""What bench/run compares: ontime, the field's own tools, hand-written loops. docs/evidence/benchmark-method.md says how the
+comparison is made fair.
 
-Each of the others is a context in which its answering end runs. It gives a function of seconds, and of ontime's run just
-before, that measures and returns quantiles in µs: {"p50": …, "p99": …, "p99.9": …}, without those that are not printed.
+Each reference is a context manager that runs its server. It yields a function of the duration in seconds and of ontime's run
+just before. The function measures and returns quantiles in µs: {"p50": …, "p99": …, "p99.9": …}, without those that the
+reference does not print.
 """
 import contextlib
 import json
@@ -23,7 +24,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 ONTIME = ROOT / "build/release/bin/ontime"
 BARE_UDP = ROOT / "build/release/bench/bare_udp"
 BARE_CYCLONEDDS = ROOT / "build/release/bench/bare_cyclonedds"
-PACKAGES = {"ddsperf": "cyclonedds-tools", "cyclictest": "rt-tests", "taskset": "util-linux"}  # others have its name
+PACKAGES = {"ddsperf": "cyclonedds-tools", "cyclictest": "rt-tests", "taskset": "util-linux"}  # others: the program's name
 
 CPUS = sorted(os.sched_getaffinity(0))
 PAYLOAD = 500
@@ -31,7 +32,7 @@ QUANTILES = ("p50", "p99", "p99.9")
 UDP_BYTES = 32 + PAYLOAD      # of a datagram of ontime's: header 16, CDR 16, payload
 DDSPERF_BYTES = 12 + PAYLOAD  # CDR without its 4 bytes of encapsulation, which ddsperf does not count
 FASTDDS_BYTES = 16 + PAYLOAD  # CDR with them: Fast DDS's own test does
-WARM_UP = 1000                # answers; all leave out as many or more
+WARM_UP = 1000                # answers; each side leaves out at least as many
 
 ONTIME_DOMAIN, OTHER_DOMAIN = 71, 72
 SOCKPERF_PORT, BARE_PORT = 17971, 17972
@@ -62,18 +63,18 @@ class Cannot(Exception):
     """Something could not be run: what, what was found, what to do."""
 
 
-# What is started, all of it in this program's session: the kernel shares the CPUs out by session.
+# All processes start in this program's session, because the kernel shares CPU time by session (autogroup).
 
 def find(program):
     if isinstance(program, pathlib.Path):
         if not program.exists():
-            raise Cannot(f"{program} is not there; build it: scripts/setup release")
+            raise Cannot(f"{program} does not exist. Build it: scripts/setup release")
     elif shutil.which(program) is None:
-        raise Cannot(f"there is no {program}; install it: sudo apt install {PACKAGES.get(program, program)}")
+        raise Cannot(f"{program} is not installed. Fix: sudo apt install {PACKAGES.get(program, program)}")
 
 
 class Process:
-    """A program and what it says. It has a process group of its own, so that Ctrl-C reaches us alone."""
+    """A program and its output. It has its own process group, so that Ctrl-C reaches only this script."""
 
     def __init__(self, command, cpu=None, environment=None):
         self.command, self.cpu, self.environment = command, cpu, environment or {}
@@ -81,7 +82,7 @@ class Process:
     def __enter__(self):
         find(self.command[0])
         pinned = [] if self.cpu is None else ["taskset", "-c", str(self.cpu)]
-        # Nothing of the user's own configures one side and not the other.
+        # The user's own settings must not configure one side only.
         environment = {name: value for name, value in os.environ.items() if name not in
                        ("CYCLONEDDS_URI", "FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY")}
         self.out, self.err = tempfile.TemporaryFile(), tempfile.TemporaryFile()
@@ -111,30 +112,30 @@ class Process:
         return file.read().decode(errors="replace")
 
     def failed(self):
-        said = (self.says(self.err).strip() or self.says(self.out).strip() or "it said nothing").splitlines()
+        said = (self.says(self.err).strip() or self.says(self.out).strip() or "no output").splitlines()
         return Cannot(f"{self.name()} ended with {self.popen.returncode}: {said[-1]}")
 
     def output(self, longest):
-        # wait(longest) would look twenty times a second, and be heard in the tails.
+        # wait(longest) would poll twenty times a second, and would disturb the tails.
         late = threading.Timer(longest, self.popen.kill)
         late.start()
         code = self.popen.wait()
         late.cancel()
         if code == -signal.SIGKILL:
-            raise Cannot(f"{self.name()} was killed, or was not done after {longest:g} s")
+            raise Cannot(f"{self.name()} was killed, or did not end within {longest:g} s")
         if code != 0:
             raise self.failed()
         return self.says(self.out)
 
 
 def output(command, seconds, **conditions):
-    """What a program says that measures for so long."""
+    """The output of a program that measures for this long."""
     with Process(command, **conditions) as process:
         return process.output(3 * seconds + 60)
 
 
 def timed(command):
-    """Seconds that a program takes which writes to nowhere, and its peak memory in MB."""
+    """Seconds that a program takes with stdout to /dev/null, and its peak memory in MB."""
     find(command[0])
     begin = time.monotonic()
     process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL)
@@ -172,7 +173,7 @@ def temporary(name, text=""):
 
 
 def quantiles_of(times):
-    """By nearest rank: the smallest that so many of a thousand do not exceed."""
+    """By nearest rank: the smallest value that at least this share of all values does not exceed."""
     ordered = sorted(times)
     if not ordered:
         raise Cannot("no message was answered")
@@ -204,20 +205,20 @@ def back_to_back(transport, seconds, *flags):
 
 
 def second_by_second(results, most):
-    """The median over the seconds of a run of the quantiles of each, of its first so many round trips."""
+    """Quantiles of each whole second (of its first `most` round trips); of each, the median over the seconds."""
     seconds = {}
     with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as file:
         for at, time_us in file.execute("SELECT intended_s, round_trip_us FROM message "
                                         "WHERE round_trip_us IS NOT NULL ORDER BY message"):
             seconds.setdefault(int(at), []).append(time_us)
-    *whole, _ = sorted(seconds.items())  # the last one is not
+    *whole, _ = sorted(seconds.items())  # the last second is not whole
     if not whole:
-        raise Cannot("a run of less than two seconds has no whole second to set beside ddsperf's; give --seconds 2 or more")
+        raise Cannot("a run of less than 2 s has no whole second to compare with ddsperf. Fix: --seconds 2")
     each = [quantiles_of(times[:most]) for _, times in whole]
     return {name: statistics.median(one[name] for one in each) for name in QUANTILES}
 
 
-# The others.
+# The references.
 
 @contextlib.contextmanager
 def sockperf():
@@ -233,7 +234,7 @@ def sockperf():
         yield measure
 
 
-DDSPERF_KEEPS = 20_000  # round trips of each second; further ones it counts only
+DDSPERF_KEEPS = 20_000  # round trips of each second; it only counts further ones
 
 
 @contextlib.contextmanager
@@ -243,15 +244,15 @@ def ddsperf():
     def measure(seconds, _):
         said = output(["ddsperf", "-i", OTHER_DOMAIN, "-u", "-D", round(seconds) + 2, "ping", "size",
                        DDSPERF_BYTES, "listener"], seconds, **conditions)
-        # A line each second. The first one has the warm-up in it.
+        # One line per second. The first contains the warm-up.
         found = rf"size {DDSPERF_BYTES} mean ([\d.]+)us .* 50% ([\d.]+)us .* 99% ([\d.]+)us .* cnt (\d+)"
         lines = [tuple(map(float, line)) for line in re.findall(found, said)[1:]]
         if not lines:
             raise Cannot("ddsperf printed no round trips")
-        # One ping follows the other, so the round trips of a second add up to a second: what it prints, to half.
+        # Pings are back to back, so the round trips of a second add up to 1 s; ddsperf prints halves, which add up to 0.5 s.
         added_up_s = statistics.median(mean * count / 1e6 for mean, _, _, count in lines)
         if not 0.3 < added_up_s < 0.7:
-            raise Cannot(f"ddsperf's times of one second add up to {added_up_s:.2f} s; half of one was expected")
+            raise Cannot(f"ddsperf's times of one second add up to {added_up_s:.2f} s instead of 0.5 s")
         return {"p50": 2 * statistics.median(p50 for _, p50, _, _ in lines),
                 "p99": 2 * statistics.median(p99 for _, _, p99, _ in lines)}
 
@@ -268,12 +269,12 @@ def fastdds_profiles():
 
 @contextlib.contextmanager
 def fastdds_latency_test():
-    """Fast DDS's own. It is told how many samples, not how long: as many as ontime had. Its answering end serves one
-    run."""
+    """Fast DDS's own test. It takes a number of samples instead of a duration: as many as ontime sent. Its server serves
+    one run."""
     program = os.environ.get("FASTDDS_LATENCY_TEST", "")
     if not os.access(program, os.X_OK):
         raise Cannot(f"FASTDDS_LATENCY_TEST is {repr(program) if program else 'not set'}; it must be the path of "
-                     "LatencyTest, from test/performance/latency of Fast DDS's source (docs/evidence/benchmarks.md)")
+                     "LatencyTest, from test/performance/latency of Fast DDS's source (docs/evidence/benchmark-method.md)")
     with temporary("profiles.xml", fastdds_profiles()) as xml, temporary("sizes", f"{FASTDDS_BYTES};") as sizes, \
             temporary("times.csv") as times:
         def measure(seconds, ontimes):
@@ -284,7 +285,7 @@ def fastdds_latency_test():
                 said = output([program, "publisher", *options, f"--export_raw_data={times}"], 2 * seconds,
                               cpu=CPUS[0])
             # Half of a round trip each, less what it takes to read the clock.
-            overhead_us = float(re.search(r"Overhead ([\d.e-]+) ns", said)[1])  # so it says; they are µs
+            overhead_us = float(re.search(r"Overhead ([\d.e-]+) ns", said)[1])  # it prints "ns", but the values are µs
             lines = times.read_text().splitlines()[1 + WARM_UP:]
             return quantiles_of(2 * (float(line.split(",")[2]) + overhead_us) for line in lines)
 
@@ -293,7 +294,7 @@ def fastdds_latency_test():
 
 @contextlib.contextmanager
 def by_hand(program, *pong, ping, **conditions):
-    """The loops written by hand are all called alike, and print a line of JSON."""
+    """All hand-written loops have the same command line, and print one line of JSON."""
     def measure(seconds, _):
         line = json.loads(output([program, "ping", *ping, seconds], seconds, **conditions))
         return {name: line[f"{name}_us"] for name in QUANTILES}
@@ -317,7 +318,7 @@ def bare_ros2(rmw):
     programs = [folder / "lib/ontime_ros2/bare_ros2" for folder in folders]
     program = next((program for program in programs if program.exists()), None)
     if program is None:
-        raise Cannot("there is no bare_ros2 in AMENT_PREFIX_PATH; build the packages in ros2/ and source them "
+        raise Cannot("bare_ros2 is not in AMENT_PREFIX_PATH. Build the packages in ros2/ and source them "
                      "(docs/how-to/ros2.md)")
     profiles = FASTDDS_XML.format(profiles=FASTDDS_PARTICIPANT.format(name="default", default="true"))
     with temporary("profiles.xml", profiles) as xml, \
@@ -328,7 +329,7 @@ def bare_ros2(rmw):
 
 
 def cyclictest(cpu, seconds):
-    """Quantiles of waking up, in µs."""
+    """Quantiles of the wake-up latency, in µs."""
     said = output(["cyclictest", "-p80", "-i1000", "-m", "-t1", "-a", cpu, "-N", "-h", 1_000_000, "-q", "-D",
                    round(seconds)], seconds)
     buckets = [(int(ns), int(count)) for ns, count in re.findall(r"^(\d+) (\d+)$", said, re.MULTILINE)]
@@ -336,5 +337,5 @@ def cyclictest(cpu, seconds):
     times = [ns / 1000 for ns, count in buckets for _ in range(count)] + [float("inf")] * overflows
     found = quantiles_of(times)
     if float("inf") in found.values():
-        raise Cannot("cyclictest's p99.9 is beyond the 1 ms that its histogram holds; is the machine overcommitted?")
+        raise Cannot("cyclictest's p99.9 is above the 1 ms of its histogram; is the machine overcommitted?")
     return found

@@ -280,7 +280,7 @@ TEST_F(Bags, TopicsOneAfterTheOtherAreNoClockThatWasSet) {
   EXPECT_TRUE(findings.remarks.empty());
 }
 
-TEST_F(Bags, PauseOfAllTopicsIsSaid) {
+TEST_F(Bags, PauseOfAllTopicsIsRemarked) {
   std::string records = channel(1, 0, "/a") + channel(2, 0, "/b");
   for (const std::int64_t at_s : {0, 1, 3601, 3602})
     for (const auto topic : std::initializer_list<std::uint16_t>{1, 2})
@@ -466,7 +466,7 @@ TEST_F(Bags, ChannelsOfOneTopicAreJudgedApart) {
   EXPECT_NE(findings.flows[0].writer, findings.flows[1].writer);
 }
 
-TEST_F(Bags, TopicThatFellSilentIsSaidSo) {
+TEST_F(Bags, SilentTopicIsReported) {
   const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + channel(2, 0, "/b") + message(1, {start}) +
                                          message(2, {start}) + message(2, {start + 100 * ms})),
                                     {.deadline = 50ms, .period = {}, .age = {}});

@@ -29,21 +29,21 @@ struct Course {
   std::vector<Step> steps;
 };
 
-TEST(Budget, ThatSufficesLeavesOutNothing) {
+TEST(Budget, SufficientBudgetLeavesOutNothing) {
   Course course(0.01, true);
   course.go(10min, 0.009);
   EXPECT_TRUE(course.steps.empty());
   EXPECT_EQ(course.budget.listened_share(course.now), 1);
 }
 
-TEST(Budget, OfABurstThatTheNextSecondsMakeUpForLeavesOutNothing) {
+TEST(Budget, ShortBurstLeavesOutNothing) {
   Course course(0.01);
   course.go(2s, 0.04);
   course.go(8s, 0.001);
   EXPECT_TRUE(course.steps.empty());
 }
 
-TEST(Budget, ThatIsExceededEndsTheKernelsEventsFirst) {
+TEST(Budget, ExceededBudgetFirstStopsKernelEvents) {
   Course course(0.01, true);
   course.go(10s, 0.03);
   ASSERT_FALSE(course.steps.empty());
@@ -55,7 +55,7 @@ TEST(Budget, ThatIsExceededEndsTheKernelsEventsFirst) {
   EXPECT_EQ(enough.steps, std::vector{Step::drop_kernel_events});
 }
 
-TEST(Budget, ThatIsExceededWithoutTheKernelsEventsIsKeptByPauses) {
+TEST(Budget, ExceededBudgetWithoutKernelEventsPauses) {
   Course course(0.01);
   course.go(10min, 0.03);
   EXPECT_EQ(course.steps[0], Step::pause);
@@ -64,7 +64,7 @@ TEST(Budget, ThatIsExceededWithoutTheKernelsEventsIsKeptByPauses) {
   EXPECT_NEAR(course.budget.listened_share(course.now), 1. / 3, 0.02);
 }
 
-TEST(Budget, IsKeptOverAnyLongTime) {
+TEST(Budget, LongRunStaysWithinBudget) {
   for (const double load : {0.011, 0.02, 0.5, 3.0}) {
     Course course(0.01);
     course.go(2h, load);
@@ -76,7 +76,7 @@ TEST(Budget, IsKeptOverAnyLongTime) {
   }
 }
 
-TEST(Budget, ListensForSomeSecondsHoweverMuchItTakes) {
+TEST(Budget, FirstPauseComesAfterThreeSecondsAtAnyLoad) {
   Course course(0.0001);
   course.go(2800ms, 10);
   EXPECT_TRUE(course.steps.empty());
@@ -84,7 +84,7 @@ TEST(Budget, ListensForSomeSecondsHoweverMuchItTakes) {
   EXPECT_EQ(course.steps, std::vector{Step::pause});
 }
 
-TEST(Budget, ThatWasNotUsedIsNotSaved) {
+TEST(Budget, UnusedBudgetIsNotSaved) {
   Course course(0.01);
   course.go(1h, 0);
   course.go(6s, 0.03);

@@ -138,7 +138,7 @@ TEST_F(ChainOfThree, MessageThatIsNotTakenEndsInItsTopic) {
   EXPECT_THAT(chain.findings().ended, ElementsAre(0, 0, 1, 0, 0));
 }
 
-TEST_F(ChainOfThree, TakeByARecorderIsNoneByTheChain) {
+TEST_F(ChainOfThree, TakeByARecorderIsNotATakeOfTheChain) {
   pass(0, 0);
   publish(1, 1, 100);
   chain.taken({topics[0], 9, 9, 1, 1, 101 * ms});
@@ -295,7 +295,7 @@ TEST_F(ChainOfThree, AnotherProcessOfTheSameNumberIsAnotherPath) {
   EXPECT_NE(found.paths[0].id, found.paths[1].id);
 }
 
-TEST_F(ChainOfThree, MemoryIsBoundedAndWhatLeavesItIsCounted) {
+TEST_F(ChainOfThree, MemoryIsBoundedAndForgottenMessagesAreCounted) {
   for (std::uint64_t i = 0; i < 3 * ChainFollower::most_begun; ++i) {
     const auto at_ms = static_cast<std::int64_t>(i) * 40;
     if (i % 2 == 0)
@@ -312,7 +312,7 @@ TEST_F(ChainOfThree, MemoryIsBoundedAndWhatLeavesItIsCounted) {
   EXPECT_EQ(found.forgotten, 3 * ChainFollower::most_begun / 2 + ChainFollower::most_paths);
 }
 
-TEST_F(ChainOfThree, WaysBeyondTheRoomGetNoRowsAndTheirLateMessagesCount) {
+TEST_F(ChainOfThree, PathsBeyondTheLimitGetNoRowsAndCountLateMessages) {
   std::set<std::uint64_t> ids;
   chain.keep_rows([&](const Row& row) { ids.insert(row.flow); });
   for (std::uint64_t i = 0; i < 10; ++i) {
@@ -412,7 +412,7 @@ TEST_F(ChainOfThree, ThreadWithTheNumberOfAnotherProcessIsAnother) {
   EXPECT_TRUE(chain.findings().paths.empty());
 }
 
-TEST_F(ChainOfThree, RowsAreThoseThatCameOut) {
+TEST_F(ChainOfThree, EachArrivedMessageHasARow) {
   std::vector<Row> rows;
   chain.keep_rows([&](const Row& row) { rows.push_back(row); });
   pass(0, 0);
@@ -444,7 +444,7 @@ TEST_F(ChainOfLatest, PublishOfATimerBelongsToTheLatestTakeOfItsProcess) {
   EXPECT_THAT(found.without_take, ElementsAre(0, 0, 0));
 }
 
-TEST_F(ChainOfLatest, WhatAnEndedProcessPublishedLeadsToNothingMore) {
+TEST_F(ChainOfLatest, MessagesOfAnEndedProcessLinkNothing) {
   publish(1, 0, 0);
   take(2, 0, 1);
   chain.retire(1);

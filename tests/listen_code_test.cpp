@@ -37,7 +37,7 @@ const Instructions wrapper{
 };
 constexpr std::uint64_t push_at = 25, call_at = 28;
 
-TEST(CodeOfFunction, ThatShiftsItsArgumentsHasThemWhereTheyAreAtTheCheapPlace) {
+TEST(CodeOfFunction, ShiftedArgumentsAreFoundAtTheCheapPlace) {
   const auto entry = entry_at(wrapper, {0, 2});
   EXPECT_TRUE(entry.is_cheap);
   EXPECT_EQ(entry.offset, push_at);
@@ -45,7 +45,7 @@ TEST(CodeOfFunction, ThatShiftsItsArgumentsHasThemWhereTheyAreAtTheCheapPlace) {
   EXPECT_EQ(entry.registers[2], ontime_r9);
 }
 
-TEST(CodeOfFunction, WhoseArgumentIsGoneBeforeTheFirstCheapPlaceIsProbedAtItsFirstByte) {
+TEST(CodeOfFunction, OverwrittenArgumentMovesTheProbeToTheFirstByte) {
   Instructions code = wrapper;
   code[push_at] = 0x90;                               // nop
   code[10] = 0x31, code[11] = 0xd2, code[12] = 0x90;  // xor %edx, %edx; nop
@@ -55,25 +55,25 @@ TEST(CodeOfFunction, WhoseArgumentIsGoneBeforeTheFirstCheapPlaceIsProbedAtItsFir
   EXPECT_EQ(entry.registers[2], ontime_argument_3);
 }
 
-TEST(CodeOfFunction, ThatOnlyCallsAnotherReturnsWhereThatReturns) {
+TEST(CodeOfFunction, ForwardingFunctionExitsInItsCallee) {
   EXPECT_EQ(exit_at(wrapper).callee, address + call_at + 5 + 0x100);
 }
 
-TEST(CodeOfFunction, ThatChangesTheResultOfItsCallReturnsByItself) {
+TEST(CodeOfFunction, FunctionThatChangesItsCalleesResultHasNoCallee) {
   Instructions code = wrapper;
   code[call_at + 5] = 0x48, code[call_at + 6] = 0x31, code[call_at + 7] = 0xc0;  // xor %rax, %rax
   code[call_at + 8] = 0x90;
   EXPECT_FALSE(exit_at(code).callee);
 }
 
-TEST(CodeOfFunction, ThatMayReturnBeforeItsCallReturnsByItself) {
+TEST(CodeOfFunction, FunctionThatMayReturnBeforeItsCallHasNoCallee) {
   Instructions code = wrapper;
   code[14 - 1] = 0x74, code[14] = 0x10, code[15] = 0x90;  // je beyond the call
   EXPECT_FALSE(exit_at(code).callee);
 }
 
 // Of Fast DDS 2.9.1 as Debian compiles it.
-TEST(CodeOfFunction, ThatReturnsAMemberTellsWhereItIs) {
+TEST(CodeOfFunction, GetterTellsTheOffsetOfItsMember) {
   const Instructions returns{0x48, 0x8b, 0x47, 0x30, 0xc3};  // mov 0x30(%rdi), %rax; ret
   const Instructions calls{0x48, 0x8b, 0x7f, 0x48, 0xe9,
                            0x00, 0x01, 0x00, 0x00};  // mov 0x48(%rdi), %rdi; jmp
@@ -84,7 +84,7 @@ TEST(CodeOfFunction, ThatReturnsAMemberTellsWhereItIs) {
   EXPECT_EQ(offset_of_member({marked, address, true}), 0x30U);
 }
 
-TEST(CodeOfFunction, ThatDoesMoreThanReturnAMemberIsRefused) {
+TEST(CodeOfFunction, FunctionThatDoesMoreThanReturnAMemberIsRefused) {
   const Instructions of_another{0x48, 0x8b, 0x46, 0x30, 0xc3};  // mov 0x30(%rsi), %rax; ret
   const Instructions chained{0x48, 0x8b, 0x47, 0x30,
                              0x48, 0x8b, 0x00, 0xc3};  // mov 0x30(%rdi), %rax; mov (%rax), %rax; ret
@@ -94,7 +94,7 @@ TEST(CodeOfFunction, ThatDoesMoreThanReturnAMemberIsRefused) {
 }
 
 // rmw_take_with_info() of rmw_fastrtps_cpp: a jump to a function with one argument more.
-TEST(CodeOfFunction, ThatJumpsToAnotherHasBothPlacesAtTheJump) {
+TEST(CodeOfFunction, TailCallIsProbedAtTheJump) {
   const Instructions code{
       0x4d, 0x89, 0xc1,              // mov %r8, %r9
       0x49, 0x89, 0xc8,              // mov %rcx, %r8
@@ -113,7 +113,7 @@ TEST(CodeOfFunction, ThatJumpsToAnotherHasBothPlacesAtTheJump) {
   EXPECT_EQ(exit_at(code).offset, 21U);
 }
 
-TEST(CodeOfFunction, ThatBeginsWithAPushIsProbedThere) {
+TEST(CodeOfFunction, LeadingPushIsProbed) {
   const Instructions code{0x55, 0x5d, 0xc3};  // push %rbp; pop %rbp; ret
   EXPECT_TRUE(begins_cheaply({code, address, true}));
   EXPECT_TRUE(entry_at(code, {0}).is_cheap);
@@ -121,7 +121,7 @@ TEST(CodeOfFunction, ThatBeginsWithAPushIsProbedThere) {
   EXPECT_EQ(exit_at(code).offset, 0U);
 }
 
-TEST(CodeOfFunction, ThatLoopsBackBehindItsFirstByteIsNotProbedInTheLoop) {
+TEST(CodeOfFunction, LoopIsNotProbed) {
   const Instructions code{0x31, 0xc0,  // xor %eax, %eax
                           0x90,        // nop
                           0x75, 0xfd,  // jne to the nop
@@ -130,13 +130,13 @@ TEST(CodeOfFunction, ThatLoopsBackBehindItsFirstByteIsNotProbedInTheLoop) {
   EXPECT_EQ(entry_at(code, {0}).offset, 0U);
 }
 
-TEST(CodeOfFunction, OfWhichOnlyAPartIsKnownIsProbedAtItsFirstByte) {
+TEST(CodeOfFunction, PartialCodeIsProbedAtItsFirstByte) {
   EXPECT_EQ(entry_at(wrapper, {0, 2}, false).offset, 0U);
   EXPECT_FALSE(exit_at(wrapper, false).callee);
   EXPECT_EQ(exit_at(wrapper, false).offset, 0U);
 }
 
-TEST(CodeOfFunction, WithoutBytesHasItsFirstByteAsPlace) {
+TEST(CodeOfFunction, EmptyCodeIsProbedAtItsFirstByte) {
   EXPECT_EQ(entry_at({}, {0}).offset, 0U);
   EXPECT_EQ(exit_at({}).offset, 0U);
   EXPECT_FALSE(begins_cheaply({}));

@@ -194,7 +194,7 @@ TEST_F(JudgedPair, FlowOfEndedProcessesStaysUntilThereAreTooMany) {
 }
 
 // As one process may give its endpoint ever other names.
-TEST_F(JudgedPair, TopicsBeyondTheBoundAreForgottenByAName) {
+TEST_F(JudgedPair, TopicsBeyondTheBoundShareOneName) {
   messages.begin_process(9, "node");
   const auto more = Findings::most_topics + Messages::most_ended + 2;
   for (std::size_t topic = 0; topic < more; ++topic) {

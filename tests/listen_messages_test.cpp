@@ -48,7 +48,7 @@ TEST_F(OnePair, MessagesOfAPauseCountNowhere) {
   EXPECT_EQ(flow().lost, 1U);
 }
 
-TEST_F(OnePair, RateIsThatOfTheTimeThatWasListenedTo) {
+TEST_F(OnePair, RateIgnoresPauses) {
   get_acquainted();
   messages.interrupt(at(1000));
   for (int i = 1001; i < 1010; ++i) arrive(at(i));
@@ -232,7 +232,7 @@ TEST_F(OnePair, StampAfterTheTakeIsNoAge) {
   EXPECT_EQ(flow().age->count(), ages);
 }
 
-TEST(Probing, TimeBetweenTwoIsNoneOfThem) {
+TEST(Probing, TimeBetweenTwoProbingsIsJudged) {
   Probing probing;
   probing.add(0, 1'000'000);
   probing.add(6'000'000, 7'000'000);
@@ -242,7 +242,7 @@ TEST(Probing, TimeBetweenTwoIsNoneOfThem) {
 }
 
 // Which message a take belongs to is not known where its publish may be among the lost events.
-TEST(ChainAfterALoss, DoesNotBeginWithAnEarlierMessage) {
+TEST(ChainAfterALoss, EarlierMessageBeginsNoChain) {
   constexpr std::int64_t ms = 1'000'000;
   Messages messages({}, {{.steps = {{"/scan"}, {"/map"}}, .age = 5ms}});
   for (const std::uint32_t process : {1U, 2U, 3U}) messages.begin_process(process, "node");
@@ -285,7 +285,7 @@ TEST(ChainAfterALoss, DoesNotBeginWithAnEarlierMessage) {
   EXPECT_EQ(messages.findings().chains.at(0).paths.at(0).late, 0U);
 }
 
-TEST_F(OnePair, EndedReaderIsOneFlowAndItsWriterNoOther) {
+TEST_F(OnePair, EndedReaderAndItsWriterStayOneFlow) {
   get_acquainted();
   const auto id = flow().id;
   messages.end_process(2, at(10));

@@ -63,7 +63,7 @@ TEST(Reader, OldMessagesAndGapsAreLate) {
   EXPECT_EQ(flow.age->max_ns(), 8 * ms);
 }
 
-TEST(Reader, OfAnotherMachineNoAgeIsKnown) {
+TEST(Reader, MessagesOfAnotherMachineHaveNoAge) {
   EXPECT_FALSE(findings_of({heard(1, ms, false), heard(2, ms, false)}).flows.at(0).age);
 }
 
@@ -77,10 +77,10 @@ TEST(Reader, RowsBeginNearZero) {
   }
 }
 
-TEST(Reader, SaysWhatItIsAndWhatItsTransportSays) {
+TEST(Reader, RemarksIncludeThoseOfTheTransport) {
   const auto remarks = findings_of({}).remarks;
   EXPECT_THAT(remarks, Contains("a remark"));
-  EXPECT_THAT(remarks, Contains(HasSubstr("last resort")));
+  EXPECT_THAT(remarks, Contains(HasSubstr("--reader")));
 }
 
 }  // namespace

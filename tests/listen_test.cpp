@@ -136,7 +136,7 @@ std::vector<Row> ages_of(const std::vector<Row>& rows) {
   return ages;
 }
 
-TEST(Rows, OfEveryMessageAreNumberedWithoutHoles) {
+TEST(Rows, RowsOfEveryMessageAreNumberedWithoutHoles) {
   const auto rows = rows_of(400, [](int number) {
     return std::vector{std::pair{number, std::int64_t{1'000'000}}};
   });
@@ -160,7 +160,7 @@ TEST(Rows, OfEveryMessageAreNumberedWithoutHoles) {
   }
 }
 
-TEST(Rows, LossStandsWhereItsMessageWouldAndGoesWhenItComesAfterAll) {
+TEST(Rows, LossKeepsItsPlaceUntilItsMessageArrives) {
   const auto rows = ages_of(rows_of(400, [](int number) -> std::vector<std::pair<int, std::int64_t>> {
     if (number == 300 || number == 350) return {};
     if (number == 352) return {{352, 1'000'000}, {350, 3'000'000}};  // 350 was overtaken
@@ -179,7 +179,7 @@ TEST(Rows, LossStandsWhereItsMessageWouldAndGoesWhenItComesAfterAll) {
   EXPECT_THAT(late, ::testing::ElementsAre(350));
 }
 
-TEST(Rows, LossesBeyondTheWindowHaveNone) {
+TEST(Rows, LossesBeyondTheWindowHaveNoRows) {
   Rows rows;
   std::vector<Row> kept;
   const KeepRow keep = [&](const Row& row) { kept.push_back(row); };
@@ -192,7 +192,7 @@ TEST(Rows, LossesBeyondTheWindowHaveNone) {
   EXPECT_EQ(kept.back().to_ns, 4);
 }
 
-TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
+TEST(Silence, SilenceOfADeadWriterExceedsItsLimit) {
   std::vector<Flow> flows(2);
   flows[0].last_ns = 1'000'000'000;
   flows[1].last_ns = 5'990'000'000;
@@ -207,7 +207,7 @@ TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
 }
 
 // A node that starts again is another process.
-TEST(Silence, EndsWhereAFlowOfTheSameNamesBegins) {
+TEST(Silence, SilenceEndsWhereAFlowOfTheSameNamesBegins) {
   std::vector<Flow> flows(3);
   for (auto& flow : flows) {
     flow.topic = "/cmd_vel";
@@ -246,7 +246,7 @@ TEST(Silence, EndsWhereAFlowOfTheSameNamesBegins) {
   EXPECT_EQ(unknown(), 2'000'000'000) << "of a remote writer the reader alone is known";
 }
 
-TEST(Period, HalfAsMuchAgainIsNoGap) {
+TEST(Period, OneAndAHalfPeriodsAreNoGap) {
   const Limits limits{.deadline = {}, .period = 10ms, .age = {}};
   EXPECT_FALSE(limits.is_gap(15'000'000));
   EXPECT_TRUE(limits.is_gap(15'000'001));
@@ -299,7 +299,7 @@ TEST(Mapping, RemovedFileIsFoundToo) {
   EXPECT_EQ(found->name, "libddsc.so.0.10.2");
 }
 
-TEST(Mapping, AnythingElseIsNone) {
+TEST(Mapping, OtherLinesAreNoMapping) {
   EXPECT_FALSE(mapping_of("7f00-7f10 r--p 00002000 08:01 9 /usr/lib/libddsc.so.0.10.2", 1));  // no code
   EXPECT_FALSE(mapping_of("7f00-7f10 r-xp 00002000 08:01 9 /usr/lib/librmw_implementation.so", 1));
   EXPECT_FALSE(mapping_of("7f00-7f10 r-xp 00000000 00:00 0", 1));
@@ -307,19 +307,19 @@ TEST(Mapping, AnythingElseIsNone) {
   EXPECT_FALSE(mapping_of("", 1));
 }
 
-TEST(RosName, OnlyTheTopicsPrefixGoes) {
+TEST(RosName, OnlyTheTopicPrefixIsRemoved) {
   EXPECT_EQ(ros_name("rt/cmd_vel"), "/cmd_vel");
   EXPECT_EQ(ros_name("cmd_vel"), "cmd_vel");
   EXPECT_EQ(ros_name("rq/service"), "rq/service");
 }
 
-TEST(LibraryFile, OfAnotherKindIsRefused) {
+TEST(LibraryFile, FileOfAnotherKindIsRefused) {
   EXPECT_THROW(Library("/proc/self/maps"), Error);
   EXPECT_THROW(Library("/nonexistent"), Error);
 }
 
 // Such as one of a process that has ended: its architecture is unknown then.
-TEST(LibraryFile, ThatCannotBeReadIsRefusedWithTheReason) {
+TEST(LibraryFile, UnreadableFileIsRefusedWithTheReason) {
   try {
     Library("/nonexistent");
     FAIL();
@@ -328,9 +328,7 @@ TEST(LibraryFile, ThatCannotBeReadIsRefusedWithTheReason) {
   }
 }
 
-TEST(LibraryFile, FunctionThatIsNotThereHasNoPlace) {
-  EXPECT_FALSE(Library("/proc/self/exe").exit("rmw_publish"));
-}
+TEST(LibraryFile, MissingFunctionHasNoPlace) { EXPECT_FALSE(Library("/proc/self/exe").exit("rmw_publish")); }
 
 }  // namespace
 }  // namespace ontime::listen

@@ -232,7 +232,7 @@ TEST_F(OnTheWire, AgeIsKnownOnOneHost) {
   EXPECT_NEAR(static_cast<double>(flow().age->max_ns()), 250e6, 1e6);
 }
 
-TEST_F(OnTheWire, RowSaysOfWhichMessageARowSaidThatItWasLost) {
+TEST_F(OnTheWire, LateRowIsMarkedIfItsMessageHadALossRow) {
   std::vector<std::pair<std::uint64_t, bool>> back;  // index, was_lost
   std::uint64_t lost = 0;
   wire.keep_rows([&](const Row& row) {
@@ -331,7 +331,7 @@ TEST_F(JudgedOnTheWire, GapIsLate) {
   EXPECT_EQ(misses[0].value_ns, 20'000'000);
 }
 
-TEST(RtpsDatagram, OfAnyLengthIsReadToItsEndOnly) {
+TEST(RtpsDatagram, DatagramOfAnyLengthIsReadWithinItsBounds) {
   const auto whole = Rtps()
                          .stamp(1, 2)
                          .data(7, Bytes(8))
@@ -400,7 +400,7 @@ TEST(Frames, FragmentsInAnyOrderMakeOneDatagram) {
   EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
 }
 
-TEST(Frames, FragmentSeenTwiceIsNoOtherFragment) {
+TEST(Frames, FragmentSeenTwiceCountsOnce) {
   Packets packets(DLT_EN10MB);
   const Bytes payload(3000, std::byte{5});
   EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true)));
@@ -443,7 +443,7 @@ TEST(Frames, FragmentsOfIpv6MakeOneDatagram) {
   }
 }
 
-TEST(Frames, WhatTheCaptureCutShortIsSaidSo) {
+TEST(Frames, DatagramCutByTheCaptureIsMarked) {
   auto payload = Rtps().data(1).bytes;
   payload.resize(3000);
   const auto cut = [](const Bytes& frame, std::size_t size) {
@@ -478,7 +478,7 @@ TEST(Frames, FragmentsThatNeverEndAreForgotten) {
   EXPECT_FALSE(packets.datagram(frame_of(payload, 1480, 2000, false, 0)));
 }
 
-TEST(Frames, FrameOfAnyLengthIsReadToItsEndOnly) {
+TEST(Frames, FrameOfAnyLengthIsReadWithinItsBounds) {
   const auto whole = frame_of(Rtps().data(1).bytes, 0, 1500, false);
   for (const int type : {DLT_EN10MB, DLT_LINUX_SLL, DLT_LINUX_SLL2, DLT_RAW})
     for (std::size_t size = 0; size <= whole.size(); ++size) {

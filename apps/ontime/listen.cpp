@@ -36,7 +36,7 @@ using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
 
-// Longer than a day, every message would fill a disk.
+// From a day on, recording every message would fill a disk.
 constexpr auto most_whole = 24h;
 constexpr std::uint64_t usual_keep = 150'000'000, least_keep = 10'000'000;
 
@@ -47,21 +47,22 @@ std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::str
 std::optional<std::chrono::nanoseconds> time_to_listen(const std::string& text) {
   const auto time = time_of("--for", text);
   if (time && *time < 1s)
-    throw campaign::Error(2, fmt::format("--for: '{}' is too short: say 1s or more", text));
+    throw campaign::Error(2, fmt::format("--for: '{}' is too short; the minimum is 1s", text));
   return time;
 }
 
-// How large the results file may become, where it keeps the worst only.
+// The bound of a results file that keeps only the worst messages; empty: it keeps all.
 std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
                                       std::optional<std::chrono::nanoseconds> time) {
   if (arguments.keep.empty())
     return !arguments.results.empty() && time && *time >= most_whole ? std::optional(usual_keep)
                                                                      : std::nullopt;
   if (arguments.results.empty())
-    throw campaign::Error(2, "--keep: it bounds a results file; name one with --results");
-  if (arguments.is_recording()) throw campaign::Error(2, "--keep: of a recording all is kept; leave it out");
+    throw campaign::Error(2, "--keep limits the size of a results file. Fix: add --results FILE");
+  if (arguments.is_recording())
+    throw campaign::Error(2, "--keep: a recording is always kept whole. Fix: remove --keep");
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
-  throw campaign::Error(2, fmt::format("--keep: '{}' is too little: 10 MB is the least", arguments.keep));
+  throw campaign::Error(2, fmt::format("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep));
 }
 
 class Listening {
@@ -77,25 +78,26 @@ class Listening {
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.is_recording() && time_)
-      throw campaign::Error(2, "--for: a recording has an end of its own; leave it out");
+      throw campaign::Error(2, "--for: a recording is always read to its end. Fix: remove --for");
     if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
-      throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
+      throw campaign::Error(2, "--results: --list records no messages. Fix: remove one of the two");
     if (arguments.reader && (topics_.empty() || arguments.list))
-      throw campaign::Error(2, "--reader: name the topics that it is to read, and leave out --list");
+      throw campaign::Error(2, "--reader: name the topics to read, and remove --list");
     if (!arguments.budget.empty()) {
       budget_.emplace(arguments.budget);
       if (arguments.list || !arguments.is_in_processes())
         throw campaign::Error(
             2,
-            "--budget: only probes are kept to it; leave it out with --list, --packets, --pcap and --reader");
+            "--budget limits probes in processes. Fix: remove it, or --list, --packets, --pcap and --reader");
     }
     if (chains_.empty()) return;
-    if (arguments.list) throw campaign::Error(2, "--chain: --list judges nothing; leave out one of them");
+    if (arguments.list)
+      throw campaign::Error(2, "--chain: --list judges nothing. Fix: remove one of the two");
     if (!arguments.is_in_processes())
       throw campaign::Error(2,
-                            "--chain: only the processes of this machine show which message a node made of "
-                            "which; leave out --packets, --pcap and --reader");
+                            "--chain: only probes in processes can follow a message through a node. Fix: "
+                            "remove --packets, --pcap and --reader");
     for (const auto& chain : chains_)
       for (const auto& step : chain.steps) topics_.insert(step.topic);
   }
@@ -114,7 +116,7 @@ class Listening {
                       arguments_.is_recording(), most_bytes_.has_value());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
-    sensor->listen_for(0ms);  // finds the nodes, and sets probes: on a busy machine that takes seconds
+    sensor->listen_for(0ms);  // finds the nodes and sets probes, which takes seconds on a busy machine
     listens_since_ = std::chrono::steady_clock::now();
     own_before_ = own_cpu_time();
     counted_from_ = std::chrono::system_clock::now();
@@ -124,7 +126,7 @@ class Listening {
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
-      // All flows are copied for it: once a second is enough.
+      // This copies all flows: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
           (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
         hand_over_at = now + 1s;
@@ -142,7 +144,7 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    // Without --for an interruption is how listening to what goes on ends.
+    // Without --for, live listening ends by Ctrl-C.
     const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording());
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     write(findings);
@@ -154,7 +156,7 @@ class Listening {
   }
 
  private:
-  // What came of a damaged file is in no results file.
+  // A damaged file adds nothing to the results file.
   static bool listen_on(listen::Sensor& sensor, std::optional<ListenResults>& results) try {
     return sensor.listen_for(200ms);
   } catch (const listen::WrongInput&) {
@@ -180,7 +182,7 @@ class Listening {
     return findings;
   }
 
-  // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
+  // nullptr: no limit is set, there are no probes, or this machine cannot record (which it reports).
   std::unique_ptr<listen::Explainer> make_explainer() const {
     if (!limits_.any() || !arguments_.is_in_processes() || arguments_.list || arguments_.no_explain)
       return nullptr;
@@ -192,7 +194,8 @@ class Listening {
     }
   }
 
-  // What comes after a message belongs to its surroundings: those are kept of the worst, which come first.
+  // Misses wait until the events after them are recorded. The worst come first, because only the first are
+  // explained.
   std::vector<listen::Miss> ready(std::vector<listen::Miss> misses) {
     if (!most_bytes_) return misses;
     std::move(misses.begin(), misses.end(), std::back_inserter(waiting_));
@@ -214,7 +217,7 @@ class Listening {
            static_cast<double>(std::max<std::int64_t>(limit.value_or(0ns).count(), 1));
   }
 
-  // As they come; as JSON, those that were the last.
+  // Prints misses as they arrive; as JSON, keeps the last ones.
   void take(std::vector<listen::Miss> misses, listen::Explainer* explainer, ListenResults* results) {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
@@ -226,7 +229,7 @@ class Listening {
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
   }
 
-  // Where the worst are kept, those that were looked at, or as many.
+  // If only the worst are kept: those that were explained, or as many.
   void note(const std::vector<listen::Miss>& misses, bool is_explained, ListenResults& results) const {
     std::size_t noted = 0;
     for (const auto& miss : misses)
@@ -236,7 +239,7 @@ class Listening {
       }
   }
 
-  // The first of each cause: a person who is flooded reads none.
+  // Only the first of each cause, so that the output stays readable.
   void print(const std::vector<listen::Miss>& misses) {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
     std::set<Cause> shown;
@@ -250,29 +253,30 @@ class Listening {
         output_.write(text_of(miss));
     }
     if (misses.size() > shown.size())
-      output_.write(fmt::format("… and {} more late messages at that time\n", misses.size() - shown.size()));
+      output_.write(
+          fmt::format("… and {} more late messages at the same time\n", misses.size() - shown.size()));
     output_.flush();
   }
 
   void tell_of(const ListenResults& results) const {
     if (!results.failure().empty())
-      print_error(fmt::format("results: not all messages were kept: {}", results.failure()));
+      print_error(fmt::format("results: not all messages were recorded: {}", results.failure()));
     else if (results.runs() == 0)
-      print_error(fmt::format("results: nothing is in {}: no message was seen", arguments_.results));
+      print_error(fmt::format("results: no run was added to {}: no message was seen", arguments_.results));
     else
-      print_error(fmt::format("results: {} runs in {}, one for each age and period of a flow{}; ontime {} {}",
-                              results.runs(), arguments_.results,
-                              most_bytes_ ? ", with the worst late messages" : "",
-                              most_bytes_ ? "explain" : "report", table::shell_line({arguments_.results})));
+      print_error(
+          fmt::format("results: added {} runs to {}, one per age and period of a flow{}. Next: ontime {} {}",
+                      results.runs(), arguments_.results, most_bytes_ ? ", with the worst late messages" : "",
+                      most_bytes_ ? "explain" : "report", table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {
-    if (arguments_.reader) return "is its name right, and does its writer run? `ros2 topic list` shows names";
-    return arguments_.bag.empty() ? "without TOPIC, or with --list, it shows the topics"
-                                  : "without --topic it shows all topics of the bag";
+    if (arguments_.reader) return "check the name and whether its writer runs: ros2 topic list";
+    return arguments_.bag.empty() ? "to list all topics, replace TOPIC by --list"
+                                  : "to list all topics of the bag, omit --topic";
   }
 
-  // Remarks on what was asked for and not seen.
+  // Adds remarks on requested topics that were not seen.
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
     for (const auto& flow : findings.flows) seen.insert(flow.topic);
@@ -285,15 +289,15 @@ class Listening {
           fmt::format("TOPIC: no message of '{}' was seen{}; {}", topic,
                       spelling::suggestion(topic, {seen.begin(), seen.end()}),
                       unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
-                                                "not captured: start the capture before the nodes, or leave "
-                                                "out TOPIC",
+                                                "not captured. Start the capture before the nodes, or omit "
+                                                "TOPIC",
                                                 unnamed)
                                   : what_shows_topics()));
     }
     if (findings.flows.empty() && arguments_.is_in_processes())
       findings.remarks.emplace_back(
-          "the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS are watched; of other "
-          "programs see the packets: --packets any");
+          "ontime watches the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS. For "
+          "other programs: --packets any");
   }
 
   std::uint64_t misses_left_out(const listen::Findings& findings) const {
@@ -331,17 +335,18 @@ class Listening {
     if (!arguments_.list && std::ranges::any_of(with_chains(findings).flows, [](const auto& flow) {
           return flow.not_judged + flow.lost_not_judged > 0;
         }))
-      output_.write("not judged: messages that ontime may have delayed, while it set or removed probes\n");
+      output_.write("not judged: messages that ontime may have delayed while it set or removed probes\n");
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)
-      print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
-                              findings.sensor_lost));
+      print_error(
+          fmt::format("the sensor dropped {} events: losses and periods across these gaps are not counted",
+                      findings.sensor_lost));
     if (const auto count = misses_left_out(findings); count > 0)
-      print_error(fmt::format("{} late messages are only counted: there was no room for a line each", count));
+      print_error(fmt::format("{} late messages are counted but not listed: buffer full", count));
     if (forgotten.flows > 0)
       print_error(
-          fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
+          fmt::format("{} flows of ended processes are not listed: {} messages in total; {} of these "
                       "flows missed a limit",
                       forgotten.flows, forgotten.messages, forgotten.with_misses));
     for (const auto& remark : findings.remarks) print_error(remark);
@@ -367,13 +372,12 @@ class Listening {
     return json;
   }
 
-  // What came before is in no number.
+  // Earlier messages are not counted.
   std::string text_of_time() const {
-    const std::chrono::duration<double> time = listened();  // though the clock may be set meanwhile
+    const std::chrono::duration<double> time = listened();  // steady, even if the clock is set meanwhile
     return labelled(
         "counted",
-        fmt::format("from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s "
-                    "after its start at the latest",
+        fmt::format("from {:%T}, for {:.1f} s; a node that starts later: within 1 s of its start",
                     fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count()));
   }
 
@@ -386,22 +390,22 @@ class Listening {
     if (cost && cost->turns > 0)
       text += fmt::format(", {} other calls of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
     if (cost && cost->stepped > 0)
-      text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
+      text += fmt::format("; {} of these calls {:.1f} µs more", cost->stepped, cost->step_ns / 1e3);
     return labelled("cost", text);
   }
 
   const ListenArguments& arguments_;
   const listen::Limits limits_;
   const std::vector<listen::ChainWish> chains_;
-  std::set<std::string> topics_;  // that were asked for; empty: all
-  std::set<std::string> unseen_;  // of these
+  std::set<std::string> topics_;  // requested; empty: all
+  std::set<std::string> unseen_;  // requested, and not seen
   std::optional<std::chrono::nanoseconds> time_;
   std::optional<ListenBudget> budget_;
-  const std::optional<std::uint64_t> most_bytes_;  // of results that keep the worst only
-  std::vector<listen::Miss> waiting_;              // for what comes after them
+  const std::optional<std::uint64_t> most_bytes_;  // of results that keep only the worst
+  std::vector<listen::Miss> waiting_;              // for the events after them
   const bool as_json_;
   Output output_;
-  // From when on messages are counted, and CPU time.
+  // Start of counting messages and CPU time.
   std::chrono::system_clock::time_point counted_from_;
   std::chrono::steady_clock::time_point listens_since_;
   std::chrono::nanoseconds own_before_{};
@@ -414,9 +418,9 @@ class Listening {
 
 void add_limits(Command& command, ListenArguments& arguments, const char* age_help) {
   add_value(command, "--deadline", arguments.deadline, "TIME",
-            "a message is late that comes later than this after the one before");
+            "a message is late when it comes later than this after the previous one");
   add_value(command, "--period", arguments.period, "TIME",
-            "the expected period; a message is late after 1.5 times as long");
+            "the expected period; a message is late when it comes after 1.5 times this");
   add_value(command, "--age", arguments.age, "TIME", age_help);
 }
 
@@ -425,7 +429,7 @@ int listen_to(const ListenArguments& arguments) {
   for (const auto* input : {&arguments.pcap, &arguments.bag})
     if (!input->empty() && std::filesystem::equivalent(*input, arguments.output, ignored))
       throw campaign::Error(
-          2, fmt::format("--output: {} is the file that is read. Choose another file.", arguments.output));
+          2, fmt::format("--output: {} is also the input. Choose another file.", arguments.output));
   try {
     return Listening(arguments).run();
   } catch (const listen::WrongInput& error) {
@@ -437,40 +441,41 @@ int listen_to(const ListenArguments& arguments) {
 void add_listen(Command& app) {
   auto* command = app.add_subcommand(
       "listen",
-      "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
+      "Judges the messages of a running robot, in its processes or on the wire, without changing it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
   add_value(*command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
-            "follow messages from the first topic to the last through the nodes between, as "
-            "/scan,/map,/cmd_vel@50ms, which are late after 50 ms; latest:/map comes from the latest "
-            "message that its process took")
+            "follow messages through nodes from the first topic to the last, such as "
+            "/scan,/map,/cmd_vel@50ms (late after 50 ms); latest:/map links /map to the latest message that "
+            "its process took")
       ->allow_extra_args(false);
-  add_limits(*command, *arguments, "a message is late that is older than this when it is taken");
+  add_limits(*command, *arguments, "a message is late when its age at the take exceeds this");
   add_value(*command, "--for", arguments->time, "TIME", "end after this time: at Ctrl-C");
-  command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
+  command->add_flag("--list", arguments->list, "list the topics with their writers and readers, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
-                    "do not record the kernel's events, which say why a message was late");
+                    "do not record kernel events, and do not explain late messages");
   add_value(*command, "--budget", arguments->budget, "SHARE",
-            "keep what probes and ontime take below this share of one CPU (as 1%): leave out the "
-            "kernel's events first, then pause now and then, and say so");
+            "limit probes and ontime to this share of one CPU, such as 1%: first stop recording "
+            "kernel events, then pause at times");
   add_value(*command, "--packets", arguments->packets, "NAME",
-            "judge RTPS packets on this interface (any: all of them), not the processes");
-  add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture (pcap, pcapng)")
+            "judge RTPS packets on this interface (any: all interfaces) instead of processes");
+  add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture file (pcap, pcapng)")
       ->excludes("--packets");
   command
       ->add_flag("--reader", arguments->reader,
-                 "the last resort, without any privilege: be one more DDS reader of each TOPIC, to which its "
-                 "writers then send, too")
+                 "last resort, without privileges: add a DDS reader of each TOPIC; its writers then "
+                 "also send to it")
       ->excludes("--packets")
       ->excludes("--pcap");
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_metrics(*command, arguments->metrics);
   add_file(*command, "--results", arguments->results,
-           "keep every message: add runs to this results file, for report, compare and plot");
-  add_value(*command, "--keep", arguments->keep, "SIZE",
-            "with --results, for weeks: keep counts, and the worst late messages with the kernel's "
-            "events around them, in so much at most: 150MB where --for is a day or more, else all");
+           "record every message as runs in this results file, for report, compare and plot");
+  add_value(
+      *command, "--keep", arguments->keep, "SIZE",
+      "with --results, for weeks: limit the file to this size. It keeps counts, and the worst late "
+      "messages with the kernel events around them: 150MB if --for is a day or more, else every message");
   command->calls([arguments] { return listen_to(*arguments); });
 }
 

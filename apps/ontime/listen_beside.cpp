@@ -14,7 +14,8 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-// What was around the run was around these messages: the members by which it differs from any run.
+// The conditions of the run, which are also those of these messages: only members that differ from the
+// defaults.
 json asked_around(const campaign::Run& run, const json& command_line) {
   campaign::Run around;
   around.id = fmt::format("{} {}", run.id, run.task.transport);
@@ -43,7 +44,7 @@ ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, con
     : topics_(run.listening.topics.begin(), run.listening.topics.end()),
       limits_{run.listening.deadline, run.listening.period, run.listening.age},
       results_(writer, limits_, asked_around(run, command_line), false) {
-  // Interruptions are for the thread that waits for them.
+  // The new thread must not receive signals.
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -67,7 +68,7 @@ void ListenBeside::listen(const std::stop_token& stop) try {
   std::chrono::steady_clock::time_point find_at;
   while (!stop.stop_requested()) {
     sensor->listen_for(200ms);
-    // All flows are copied for it: once a second is enough.
+    // This copies all flows: once a second is enough.
     if (const auto now = std::chrono::steady_clock::now(); now >= find_at) {
       find_at = now + 1s;
       find();
@@ -115,9 +116,10 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   keep_rows();
   const auto findings = wanted();
   results_.end(findings, interrupted || !failure_.empty());
-  // Before it was there, is_there() has told it.
+  // If it failed before it was there, is_there() has thrown.
   if (!failure_.empty())
-    return there_ ? std::vector{"listening ended before the run: " + failure_} : std::vector<std::string>{};
+    return there_ ? std::vector{"listening ended before the run ended: " + failure_}
+                  : std::vector<std::string>{};
   std::set<std::string> seen, others;
   for (const auto& flow : findings.flows) seen.insert(flow.topic);
   for (const auto& flow : findings_.flows) others.insert(flow.topic);
@@ -125,10 +127,10 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   for (const auto& topic : topics_)
     if (!seen.contains(topic))
       remarks.push_back(
-          fmt::format("no message of '{}' was seen on this machine{}; see: ontime listen --list", topic,
-                      spelling::suggestion(topic, {others.begin(), others.end()})));
+          fmt::format("no message of '{}' was seen on this machine{}; list all topics: ontime listen --list",
+                      topic, spelling::suggestion(topic, {others.begin(), others.end()})));
   if (!results_.failure().empty())
-    remarks.push_back(fmt::format("not all messages were kept: {}", results_.failure()));
+    remarks.push_back(fmt::format("not all messages were recorded: {}", results_.failure()));
   return remarks;
 }
 

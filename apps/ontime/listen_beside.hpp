@@ -22,14 +22,14 @@ class ListenBeside {
   ListenBeside(const ListenBeside&) = delete;
   ListenBeside& operator=(const ListenBeside&) = delete;
 
-  bool is_there() const;  // it judges every message from now on; throws campaign::Error
-  void write();           // what came until now; as often as one likes
-  // Its runs are whole then. Returns what a person should know: what was asked for and not seen.
+  bool is_there() const;  // it judges every message from now on; throws campaign::Error if it failed
+  void write();           // what arrived until now; call it often
+  // Completes its runs. Returns remarks, such as on requested topics that were not seen.
   std::vector<std::string> end(bool interrupted);
 
  private:
   void listen(const std::stop_token&);
-  listen::Findings wanted();  // what the thread found last
+  listen::Findings wanted();  // the latest findings of the thread
   void keep_rows();
 
   const std::set<std::string> topics_;

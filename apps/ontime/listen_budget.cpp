@@ -29,7 +29,8 @@ double share_of(const std::string& text) {
   const std::string unit(rest, end);
   if (error != std::errc() || (unit != "%" && unit != " %") || !(percent > 0 && percent <= 100))
     throw campaign::Error(
-        2, fmt::format("--budget: '{}' is no share of one CPU: above 0 % and at most 100 %, as 1%", text));
+        2,
+        fmt::format("--budget: '{}' is not a share of one CPU above 0 % and up to 100 %, such as 1%", text));
   return percent / 100;
 }
 
@@ -58,18 +59,17 @@ void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explaine
     case listen::Budget::Step::drop_kernel_events:
       dropped_kernel_events_ = true;
       explainer.reset();
-      return print_error(fmt::format(
-          "--budget: probes and ontime took more than {:g} % of one CPU. The kernel's events are no longer "
-          "recorded: late messages are not explained from now on",
-          100 * share_));
+      return print_error(
+          fmt::format("--budget: probes and ontime used more than {:g} % of one CPU. ontime stops recording "
+                      "kernel events: late messages are not explained from now on",
+                      100 * share_));
     case listen::Budget::Step::pause:
       sensor.pause();
       if (budget_->pauses() > 1) return;
-      return print_error(
-          fmt::format("--budget: probes and ontime took more than {:g} % of one CPU. ontime pauses now and "
-                      "then: messages "
-                      "of that time are not seen, and no loss is counted across it",
-                      100 * share_));
+      return print_error(fmt::format(
+          "--budget: probes and ontime used more than {:g} % of one CPU. ontime now pauses at times: it "
+          "sees no messages during pauses, and counts no losses across them",
+          100 * share_));
     case listen::Budget::Step::resume:
       return sensor.resume();
   }
@@ -78,19 +78,18 @@ void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explaine
 std::string ListenBudget::text() const {
   if (!budget_) return "";
   auto text = fmt::format("{:g} % of one CPU", 100 * share_);
-  if (!measures_probes_) text += ", of ontime alone: the probes' cost is not measured on this machine";
+  if (!measures_probes_) text += " without the probes (ontime cannot measure their cost on this machine)";
   if (!dropped_kernel_events_ && budget_->pauses() == 0)
-    return labelled("budget", text + ": nothing was left out");
-  if (dropped_kernel_events_) text += "; the kernel's events were left out";
+    return labelled("budget", text + "; nothing was left out");
+  if (dropped_kernel_events_) text += "; recording of kernel events stopped";
   if (const auto pauses = of_pauses(); !pauses.empty()) text += "; " + pauses;
   return labelled("budget", text);
 }
 
 std::string ListenBudget::of_pauses() const {
   if (!budget_ || budget_->pauses() == 0) return "";
-  return fmt::format(
-      "listened {:.0f} % of the time, between {} pauses: what was lost in the rest is not known",
-      100 * budget_->listened_share(now()), budget_->pauses());
+  return fmt::format("listened {:.0f} % of the time, with {} pauses; losses during pauses are unknown",
+                     100 * budget_->listened_share(now()), budget_->pauses());
 }
 
 nlohmann::ordered_json ListenBudget::json() const {

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// `ontime listen --budget 1%`: keeps what probes and ontime take below a share of one CPU, and says what it
-// left out for that.
+// `ontime listen --budget 1%`: limits probes and ontime to a share of one CPU, and reports what it left out.
 #pragma once
 
 #include <memory>
@@ -22,13 +21,13 @@ class ListenBudget {
   // "1%": of one CPU. Throws campaign::Error{2}.
   explicit ListenBudget(const std::string& text);
 
-  // What came before, as the start, does not count.
+  // CPU time before this call, such as of the start, does not count.
   void begin(const listen::Sensor&, bool records_kernel_events);
-  // Once begun, often.
+  // Call it often after begin().
   void keep(listen::Sensor&, std::unique_ptr<listen::Explainer>&);
 
   std::string text() const;
-  std::string of_pauses() const;  // how much of the time was listened; "" if there were none
+  std::string of_pauses() const;  // which share of the time was listened to; "" without pauses
   nlohmann::ordered_json json() const;
 
  private:

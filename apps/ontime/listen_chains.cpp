@@ -31,22 +31,20 @@ listen::ChainWish chain_of(const std::string& text) {
   for (auto topic : table::split(text.substr(0, at), ',')) {
     const bool is_of_latest = topic.starts_with(latest);
     if (is_of_latest) topic.erase(0, latest.size());
-    if (topic.empty()) refuse(text, "a topic has no name");
-    if (is_of_latest && chain.steps.empty())
-      refuse(text, "'latest:' is for a topic that a node publishes from another topic, not for the first");
+    if (topic.empty()) refuse(text, "a topic name is empty");
+    if (is_of_latest && chain.steps.empty()) refuse(text, "the first topic cannot have 'latest:'");
     if (std::ranges::any_of(chain.steps, [&](const auto& step) { return step.topic == topic; }))
-      refuse(text, fmt::format("{} is there twice; a chain has each topic once, and no loop",
-                               table::printable(topic)));
+      refuse(text, fmt::format("{} occurs twice; each topic may occur once", table::printable(topic)));
     chain.steps.push_back({topic, is_of_latest});
   }
-  if (chain.steps.size() < 2) refuse(text, "it has one topic; a chain has at least two");
+  if (chain.steps.size() < 2) refuse(text, "it has 1 topic; the minimum is 2");
   if (chain.steps.size() > listen::ChainWish::most_topics)
-    refuse(text, fmt::format("it has {} topics; a chain has at most {}", chain.steps.size(),
+    refuse(text, fmt::format("it has {} topics; the maximum is {}", chain.steps.size(),
                              listen::ChainWish::most_topics));
   return chain;
 }
 
-// The end of a name matters less than a line that is not broken.
+// Cuts the end of a long name: a wrapped line is harder to read.
 std::string line(const std::string& text) { return table::shortened(text, text_width - 1) + "\n"; }
 
 std::string number(std::int64_t ns) { return fmt::format("{:>8}", in_ms(ns)); }
@@ -59,19 +57,19 @@ std::string topic_name(const listen::ChainWish& wish, std::size_t topic) {
   return table::printable(wish.steps[topic].topic);
 }
 
-// Parts: a topic, a node, a topic, …
+// Parts alternate: a topic, a node, a topic, …
 std::string name_of_part(const listen::ChainWish& wish, const listen::ChainPath& path, std::size_t part) {
   const auto topic = part / 2;
   if (part % 2 == 0)
     return fmt::format("{} → {}", topic_name(wish, topic), words_of(path.parties[topic + 1], "(unknown)"));
   return fmt::format("  in {}{}", words_of(path.parties[topic + 1], "(unknown)"),
-                     wish.steps[topic + 1].is_of_latest ? ", from the latest it took" : "");
+                     wish.steps[topic + 1].is_of_latest ? " (latest message taken)" : "");
 }
 
 std::string text_of(const listen::Chain& chain, const listen::ChainPath& path) {
   auto text = line(fmt::format("  share     p50     p99     max ms   from {}",
                                words_of(path.parties[0], "(unknown)"))) +
-              line(fmt::format("  100 %{}   {} came out{}", spread(path.age), path.age.count(),
+              line(fmt::format("  100 %{}   {} arrived{}", spread(path.age), path.age.count(),
                                chain.wish.age ? fmt::format(", {} of them late", path.late) : ""));
   if (path.not_judged > 0) text += line(fmt::format("    not judged: {} more", path.not_judged));
   for (std::size_t part = 0; part < path.parts.size(); ++part) {
@@ -91,30 +89,30 @@ std::string remarks_of(const listen::Chain& chain) {
     const auto topic = topic_name(wish, part / 2);
     add(part % 2 == 0
             ? fmt::format("{}: {} messages were not taken by a node of the chain", topic, chain.ended[part])
-            : fmt::format("{}: {} messages were taken, and no {} followed from them (a node may mean so)",
-                          topic, chain.ended[part], topic_name(wish, part / 2 + 1)));
+            : fmt::format("{}: {} messages were taken without a following {} (may be intended)", topic,
+                          chain.ended[part], topic_name(wish, part / 2 + 1)));
   }
   for (std::size_t topic = 1; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.without_take[topic]; count > 0)
-      add(fmt::format("{}: {} messages were published before a {} was taken{}", topic_name(wish, topic),
-                      count, topic_name(wish, topic - 1),
+      add(fmt::format("{}: {} messages were published without a preceding take of {}{}",
+                      topic_name(wish, topic), count, topic_name(wish, topic - 1),
                       wish.steps[topic].is_of_latest
                           ? " by their process"
-                          : fmt::format(" in the same callback; where a timer or another thread publishes, "
-                                        "try latest:{}",
+                          : fmt::format(" in the same callback. If a timer or another thread publishes: "
+                                        "latest:{}",
                                         topic_name(wish, topic))));
   for (std::size_t topic = 0; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.unknown_takes[topic]; count > 0)
       add(fmt::format(
-          "{}: of {} takes the publish is unknown: the writer was not recognized yet, is on another "
-          "machine, or published from two threads at once; or it published too long ago",
+          "{}: {} takes have an unknown publish: the writer was not recognized yet, is on another "
+          "machine, published from two threads at once, or published too long ago",
           topic_name(wish, topic), count));
   if (chain.silent_ns > 0)
-    add(fmt::format("SILENT: nothing is known to have come out for the last {:.1f} s",
+    add(fmt::format("SILENT: no known arrival for the last {:.1f} s",
                     static_cast<double>(chain.silent_ns) / 1e9));
   if (chain.forgotten > 0)
-    add(fmt::format("{} messages came out by ways through other processes, which are not listed{}",
-                    chain.forgotten, wish.age ? fmt::format("; {} of them late", chain.forgotten_late) : ""));
+    add(fmt::format("{} messages arrived by other paths, which are not listed{}", chain.forgotten,
+                    wish.age ? fmt::format("; {} of them late", chain.forgotten_late) : ""));
   return text;
 }
 
@@ -122,14 +120,14 @@ std::string remarks_of(const listen::Chain& chain) {
 
 std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) {
   if (texts.size() > listen::most_chains)
-    throw campaign::Error(2, fmt::format("--chain: {} chains; at most {} are followed at once", texts.size(),
-                                         listen::most_chains));
+    throw campaign::Error(
+        2, fmt::format("--chain: {} chains are given; the maximum is {}", texts.size(), listen::most_chains));
   std::vector<listen::ChainWish> chains;
   for (const auto& text : texts) {
     chains.push_back(chain_of(text));
     if (std::ranges::count_if(chains, [&](const auto& one) { return one.name() == chains.back().name(); }) >
         1)
-      refuse(text, "the same chain is there twice");
+      refuse(text, "this chain is given twice");
   }
   return chains;
 }
@@ -152,7 +150,7 @@ std::string text_of(const listen::Chain& chain) {
                                  (limit ? fmt::format(" within {} ms", in_ms(limit->count())) : ""),
                              text_width);
   for (const auto& path : chain.paths) text += text_of(chain, path);
-  if (came_out(chain) == 0) text += "  nothing came out at the end\n";
+  if (came_out(chain) == 0) text += "  no message arrived\n";
   return text + remarks_of(chain);
 }
 

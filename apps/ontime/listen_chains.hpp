@@ -12,7 +12,7 @@
 
 namespace ontime::app {
 
-// Of "/scan,/map,latest:/cmd_vel@50ms" each. Throws campaign::Error{2}.
+// Each text like "/scan,/map,latest:/cmd_vel@50ms". Throws campaign::Error{2}.
 std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts);
 
 std::string text_of(const listen::Chain&);  // lines of at most 80 columns

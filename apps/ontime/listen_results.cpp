@@ -15,13 +15,13 @@ using namespace std::chrono_literals;
 using listen::Row;
 using nlohmann::json;
 
-// A writer is recognized by its stamps after eight messages; until then its flow has no name for it.
+// A writer is recognized after eight stamps; until then its flow has no name for it.
 constexpr auto named_after = 12s;
-constexpr std::size_t most_notes = 1000;  // that wait to be written
-constexpr std::size_t most_worst = 4;     // the same, of a flow
-// A miss is known so long after its message came, at most.
+constexpr std::size_t most_notes = 1000;  // waiting to be written
+constexpr std::size_t most_worst = 4;     // waiting to be written, of a flow
+// A miss is known at most this long after its message arrived.
 constexpr std::int64_t known_within_ns = 5'000'000'000;
-constexpr auto outcome_every = 1min;  // what a kill or a power cut may cost of it
+constexpr auto outcome_every = 1min;  // a kill or a power cut loses at most this much of it
 
 const char* word_of(Row::Quantity quantity) { return quantity == Row::Quantity::age ? "age" : "period"; }
 
@@ -84,7 +84,7 @@ void ListenResults::keep(const Row& row) {
   if (!failure_.empty()) return;
   roundtrip::Sample sample{};
   sample.index = row.index;
-  // Clocks that moved: an age below zero counts as zero.
+  // If a clock was set, an age below zero counts as zero.
   const auto from_ns = row.to_ns == 0 ? row.from_ns : std::min(row.from_ns, row.to_ns);
   constexpr std::int64_t most_ns = std::int64_t{1} << 60;
   if (std::max(from_ns, row.to_ns) > most_ns || from_ns < -most_ns) {
@@ -105,30 +105,29 @@ void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity qu
   const auto id = fmt::format("{}{}{} {}", beside, beside.empty() ? "" : " ", topic, word_of(quantity));
   const auto varied = asked_.value("variant", "");
   auto variant = name_of(flow, false);
-  // Processes of one name, and several readers in one process.
+  // Processes may share a name, and a process may have several readers.
   const auto name = [&] { return fmt::format("{}\n{}", id, variant); };
   for (int number = 1; !names_.insert(name()).second; ++number)
     variant = name_of(flow, true) + (number > 1 ? fmt::format(" #{}", number) : "");
   kept.name = name();
   ++runs_;
   auto asked = asked_;
-  asked.update(
-      {{"id", id},
-       {"measures", word_of(quantity)},
-       {"topic", flow.topic},
-       {"variant", varied.empty() ? variant : varied + ", " + variant},
-       {"flow", variant},  // a condition: other ends are not compared with these
-       {"repetition", asked_.value("repetition", 1)},
-       {"schedule", "back-to-back"},  // of its own accord: no cycle is known in which a message was due
-       {"deadline_us", microseconds(quantity == Row::Quantity::period ? limits_.longest_gap()
-                                    : flow.between.empty()            ? limits_.age
-                                                                      : flow.chain_limit)},
-       {"ontime", ONTIME_VERSION}});
+  asked.update({{"id", id},
+                {"measures", word_of(quantity)},
+                {"topic", flow.topic},
+                {"variant", varied.empty() ? variant : varied + ", " + variant},
+                {"flow", variant},  // a condition: only the same writer and reader are compared
+                {"repetition", asked_.value("repetition", 1)},
+                {"schedule", "back-to-back"},  // no cycle is known in which a message was due
+                {"deadline_us", microseconds(quantity == Row::Quantity::period ? limits_.longest_gap()
+                                             : flow.between.empty()            ? limits_.age
+                                                                               : flow.chain_limit)},
+                {"ontime", ONTIME_VERSION}});
   if (keeps_worst_) asked["kept"] = "worst";
   kept.run = writer_.begin_run(asked);
 }
 
-// A disk that is full ends neither listening nor what is printed.
+// A full disk ends neither listening nor printing.
 template <class Do>
 void ListenResults::until_it_fails(const Do& what) {
   if (!failure_.empty()) return;
@@ -149,7 +148,7 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
   std::map<std::uint64_t, const listen::Flow*> flows;
   for (const auto& flow : wanted) flows.emplace(flow.id, &flow);
   const auto now = Clock::now();
-  json about;  // of this machine, once for all that tell of it
+  json about;  // of this machine, once for all runs
   for (auto next = kept_.begin(); next != kept_.end();) {
     const auto one = next++;
     auto& [key, kept] = *one;
@@ -173,7 +172,7 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     kept.notes.clear();
     if (!keeps_worst_) continue;
     write_worst(kept);
-    const bool has_gone = flow == nullptr && !is_end;  // its processes ended, and others took its place
+    const bool has_gone = flow == nullptr && !is_end;  // its processes ended, and it was forgotten
     if (!has_gone && kept.told_at && now - *kept.told_at < outcome_every) continue;
     kept.told_at = now;
     if (about.is_null()) about = about_machine();
@@ -213,7 +212,7 @@ void ListenResults::keep(Kept& kept, const roundtrip::Sample& sample, const list
   Bad bad{.value_ns = sample.received_ns - sample.sent_ns,
           .at_ns = sample.received_ns,
           .cause = std::move(cause)};
-  // Of those that one delay made late, the worst stands for all: its window has the others.
+  // Of messages that one delay made late, only the worst is kept: its window has the others.
   const auto same = std::ranges::find_if(
       kept.worst, [&](const Bad& one) { return std::abs(one.at_ns - bad.at_ns) <= listen::window_after_ns; });
   if (same != kept.worst.end()) {
@@ -249,7 +248,7 @@ void ListenResults::write_worst(Kept& kept) {
   kept.worst.clear();
 }
 
-// A topic that fell silent is late until the end: its last period has no message that ends it.
+// A silent topic is late until the end: no message ends its last period.
 void ListenResults::add_silence(const listen::Flow& flow) {
   const auto found = kept_.find({flow.id, Row::Quantity::period});
   if (flow.silent_ns <= 0 || found == kept_.end() || !found->second.last) return;
@@ -270,7 +269,7 @@ json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   json outcome{{"loss_unknown", !is_age || !kept.counted.lost}};
   if (is_age)
     outcome.update({{"duplicates", kept.counted.duplicated}, {"reordered", kept.counted.reordered}});
-  // Lost in such numbers, or so near to the end, that not each has a row.
+  // Losses without rows: too many in a row, or too close to the end.
   const auto lost = is_age ? static_cast<std::int64_t>(kept.counted.lost.value_or(0)) : 0;
   const auto missing = std::max<std::int64_t>(lost - kept.lost, 0);
   if (missing == 0 && !keeps_worst_) return outcome;
@@ -293,7 +292,7 @@ void ListenResults::note_not_judged(const Kept& kept) {
   if (kept.counted.not_judged > 0)
     writer_.note(kept.run,
                  {"not-judged",
-                  fmt::format("{} messages of the flow are not judged: ontime set or removed probes then",
+                  fmt::format("{} messages of the flow are not judged: ontime was setting or removing probes",
                               kept.counted.not_judged),
                   std::nullopt, std::nullopt});
 }
@@ -318,13 +317,15 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
         writer_.note(run, {kind, text, std::nullopt, std::nullopt});
       };
       if (wanted.sensor_lost > 0)
-        note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
-                                        "counted across them",
-                                        wanted.sensor_lost));
+        note("sensor-lost",
+             fmt::format("the sensor dropped {} events of all topics: losses and periods across "
+                         "these gaps are not counted",
+                         wanted.sensor_lost));
       note_not_judged(kept);
       if (!pauses.empty()) note("pauses", pauses);
       if (left_out_ > 0)
-        note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));
+        note("left-out",
+             fmt::format("{} messages of all topics are left out: their times are invalid", left_out_));
       writer_.end_run(kept.run, outcome);
     }
     writer_.flush();

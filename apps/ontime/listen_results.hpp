@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The messages of a robot's own topics as runs of a results file: one for each quantity (age, period) of a
-// flow. Ordinary thread. All messages, or, for weeks, how often each value was seen, and the worst with what
-// was around them; the file's bound is record::Writer::keep_worst()'s.
+// Writes the messages of a robot's own topics as runs of a results file: one for each quantity (age, period)
+// of a flow. Ordinary thread. It keeps all messages, or, for weeks, a histogram and the worst messages with
+// their surroundings; record::Writer::keep_worst() bounds the file.
 #pragma once
 
 #include <chrono>
@@ -24,24 +24,23 @@ namespace ontime::app {
 
 class ListenResults {
  public:
-  // `limits` become the deadlines of the runs. `asked`: what else their records have; an "id" there, of what
-  // was measured meanwhile, begins theirs. A recording tells nothing of this machine.
+  // `limits` become the deadlines of the runs. `asked`: further members of their records; an "id" there (of
+  // the run measured meanwhile) is the prefix of their ids. A recording tells nothing of this machine.
   ListenResults(record::Writer&, const listen::Limits& limits, nlohmann::json asked, bool is_recording,
                 bool keeps_worst = false);
 
   void keep(const listen::Row&);
-  bool is_full() const { return waiting_ >= most_waiting; }  // write() what was kept
-  // Every second or so, with the flows that are wanted: begins the runs of those that are known by now, and
-  // hands over what was kept of them. Of others nothing is kept for long.
+  bool is_full() const { return waiting_ >= most_waiting; }  // call write()
+  // Call it about every second, with the wanted flows: begins the runs of flows that are known by now, and
+  // writes their messages. Messages of other flows are dropped after some seconds.
   void write(const std::vector<listen::Flow>& wanted);
-  // Why a message was late. Of the worst: that it is to be kept, with what was around it.
+  // Notes why a message was late. If only the worst are kept: keeps it with its surroundings.
   void note(const listen::Miss&);
-  // The same once more, and the outcome of each run.
-  // `pauses`: in words, if not all the time was listened.
+  // Writes the rest, and the outcome of each run. `pauses`: text on the pauses of listening; "": none.
   void end(const listen::Findings& wanted, bool interrupted, const std::string& pauses = "");
-  void forget();  // the runs, as if they had never begun
+  void forget();  // removes the runs from the file
   std::size_t runs() const { return runs_; }
-  // Why nothing is kept any more, as a full disk; empty: it is.
+  // Why recording stopped, such as a full disk; empty: it did not.
   const std::string& failure() const { return failure_; }
 
  private:
@@ -56,7 +55,7 @@ class ListenResults {
   };
   struct Kept {
     std::vector<roundtrip::Sample> samples;
-    // Where only the worst are kept: the others as far as they may be around one.
+    // If only the worst are kept: the latest messages, which may surround one.
     std::deque<roundtrip::Sample> latest;
     std::vector<Bad> worst;                    // to be written
     std::optional<Clock::time_point> told_at;  // the outcome until then
@@ -93,7 +92,7 @@ class ListenResults {
   std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
   std::set<std::string> names_;  // of runs
   std::size_t runs_ = 0;
-  std::uint64_t left_out_ = 0;  // rows whose times no clock has
+  std::uint64_t left_out_ = 0;  // rows with invalid times
   std::string failure_;
 };
 

@@ -13,7 +13,7 @@
 namespace ontime::app {
 namespace {
 
-// Over the first of ontime's transports that can.
+// Uses the first installed transport that can read topics of any type.
 std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
   const auto names = transport::available();
   std::string missing;
@@ -29,7 +29,8 @@ std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, c
         throw campaign::Error(2, error.what());
       }
   }
-  throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
+  throw campaign::Error(
+      3, fmt::format("--reader: no installed transport can read topics of any type. Needed: {}", missing));
 }
 
 }  // namespace

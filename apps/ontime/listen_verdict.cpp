@@ -24,13 +24,13 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
     return 2;
   if (limits.any() && findings.flows.empty()) return 1;
   if (findings.all_forgotten().with_misses > 0) return 1;
-  // What no process takes has no age, and needs none.
+  // A topic that no process takes has no age, and needs none.
   const auto lacks_age = [&](const listen::Flow& flow) {
     return !is_age_known(flow) && (flow.reader.process != 0 || !arguments.is_in_processes());
   };
   if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
       limits.age && found != findings.flows.end()) {
-    print_error(fmt::format("open: --age {}: the age of {} is not known", arguments.age,
+    print_error(fmt::format("open: --age {}: the age of {} is unknown", arguments.age,
                             table::printable(found->topic)));
     return 1;
   }
@@ -40,7 +40,7 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
   if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
       limits.longest_gap() && found != findings.flows.end()) {
     print_error(fmt::format(
-        "open: no period of {} was judged, because ontime set or removed probes then: listen longer",
+        "open: no period of {} is judged: ontime was setting or removing probes. Fix: listen longer",
         table::printable(found->topic)));
     return 1;
   }

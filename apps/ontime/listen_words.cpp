@@ -32,7 +32,7 @@ const char* start_of_age(listen::AgeFrom from) {
                                           : "publish time";
 }
 
-// Of a recorded message it says from when to when.
+// For recorded messages, states where the age starts and ends.
 std::string age_of(const listen::Flow& flow) {
   if (!flow.age) return "age unknown";
   return (flow.age_from == listen::AgeFrom::writer
@@ -88,7 +88,7 @@ bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count
 std::string silence_of(const listen::Flow& flow) {
   return fmt::format("for {}{:.1f} s{}", flow.was_replaced ? "" : "the last ",
                      static_cast<double>(flow.silent_ns) / 1e9,
-                     flow.was_replaced ? " until it began again" : "");
+                     flow.was_replaced ? " until it started again" : "");
 }
 
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
@@ -97,7 +97,7 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   const bool lacks_age = limits.age && !is_age_known(flow);
   if (limits.longest_gap() || (limits.age && !lacks_age))
     text += fmt::format(" late {} of {}{} ", flow.late, flow.messages - flow.not_judged,
-                        lacks_age ? ", by period alone" : "");
+                        lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
   if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
@@ -121,7 +121,7 @@ std::string text_of(const listen::Miss& miss) {
       fmt::format("{:%T}.{:03}  {}  {}: {} ms {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
                   at.time_since_epoch().count() % 1000, topic_of(miss.topic),
                   words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
-                  miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
+                  miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
   if (miss.why) text += fmt::format(": {}", table::printable(miss.why->sentence));
   if (miss.why && !miss.why->fix.empty())
     text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));

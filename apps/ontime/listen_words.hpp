@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a sensor found out of messages, in words and as JSON (docs/reference/json-commands.md). Pure.
+// The findings of a sensor as text and as JSON (docs/reference/json-commands.md). Pure.
 #pragma once
 
 #include <string>
@@ -19,7 +19,7 @@ std::string silence_of(const listen::Flow&);                      // "for the la
 bool is_age_known(const listen::Flow&);
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&);
-std::string dated_line_of(const listen::Miss&);  // of one that was explained, to be read weeks later
+std::string dated_line_of(const listen::Miss&);  // line_of() with the date, to be read weeks later
 nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Judges messages that a sensor sees, live or recorded, and prints what came of them: `ontime listen`, and
+// Judges messages that a sensor sees, live or recorded, and prints the result: `ontime listen`, and
 // `ontime import BAG`.
 #pragma once
 

@@ -9,7 +9,7 @@
 namespace ontime::bag {
 namespace {
 
-// At once: no more misses than wait to be taken.
+// Per call: no more misses than may wait to be taken.
 constexpr std::size_t most_messages = listen::most_misses / 2;
 
 class Bag final : public listen::Sensor {
@@ -18,7 +18,7 @@ class Bag final : public listen::Sensor {
     reader_ = reader_of(files_.paths.front());
   }
 
-  // Without a wait: all of it is there.
+  // Does not wait: the file is complete.
   bool listen_for(std::chrono::milliseconds) override {
     for (std::size_t i = 0; i < most_messages; ++i) {
       if (reader_ == nullptr) {
@@ -45,9 +45,9 @@ class Bag final : public listen::Sensor {
  private:
   void end_file() {
     if (const auto cut = reader_->cut(); !cut.empty())
-      files_.remarks.push_back(
-          fmt::format("{}: {}: its recorder was killed, or the file was cut. What comes before counts",
-                      files_.paths[next_], cut));
+      files_.remarks.push_back(fmt::format(
+          "{}: {}: the recorder was killed, or the file was truncated. ontime judges the part before",
+          files_.paths[next_], cut));
     judge_.end_file();
     reader_.reset();
     ++next_;

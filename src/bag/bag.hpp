@@ -10,9 +10,8 @@
 
 namespace ontime::bag {
 
-// Reads the bag to its end. A bag that was cut off is judged up to there, with a remark. It throws
-// listen::WrongInput, as listen_for() does: it is no bag, or damaged; the message names the file and the
-// place.
+// Reads the bag to its end. A truncated bag is judged up to its end, with a remark. open() and listen_for()
+// throw listen::WrongInput if the file is not a bag or is damaged; the message names the file and the place.
 std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits&);
 
 }  // namespace ontime::bag

@@ -27,11 +27,11 @@ bool Bytes::skip(std::uint64_t count) {
   return true;
 }
 
-// To open what is no file, such as a FIFO, could wait for ever.
+// Opening something else, such as a FIFO, could wait for ever.
 File::File(const std::string& path) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) {
-    error_ = error ? error.message() : "it is not a file";
+    error_ = error ? error.message() : "not a regular file";
     return;
   }
   size_ = std::filesystem::file_size(path, error);
@@ -49,7 +49,7 @@ std::size_t File::read(std::span<std::byte> to) {
 }
 
 bool File::skip(std::uint64_t count) {
-  if (count <= at_once) return Bytes::skip(count);  // to seek would read the buffer again
+  if (count <= at_once) return Bytes::skip(count);  // a seek would read the buffer again
   if (count > size_ - std::min(offset_, size_)) {
     offset_ = size_;
     has_ended_ = true;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Bytes of a file, of a part of it, and of what is compressed in a part. Memory is constant; nothing throws.
+// Reads bytes of a file, of a part of it, and of compressed data in a part. Constant memory; no throws.
 #pragma once
 
 #include <cstddef>
@@ -19,9 +19,9 @@ class Bytes {
   virtual ~Bytes() = default;
   Bytes(const Bytes&) = delete;
   Bytes& operator=(const Bytes&) = delete;
-  // Returns how many it read: fewer than asked at the end, or after an error.
+  // Returns the number of bytes read: fewer than requested at the end, or after an error.
   virtual std::size_t read(std::span<std::byte> to) = 0;
-  // Passes over the next bytes; false: there are not so many.
+  // Skips the next bytes; false: there are fewer.
   virtual bool skip(std::uint64_t count);
 };
 
@@ -31,7 +31,7 @@ class File final : public Bytes {
   std::size_t read(std::span<std::byte> to) override;
   bool skip(std::uint64_t count) override;
   std::uint64_t offset() const { return offset_; }
-  bool has_ended() const { return has_ended_; }  // more was wanted than there is
+  bool has_ended() const { return has_ended_; }  // a read or skip went beyond the end
   const std::string& error() const { return error_; }
 
  private:
@@ -44,7 +44,7 @@ class File final : public Bytes {
   std::string error_;
 };
 
-// The next bytes of another, which must outlive it.
+// The next bytes of another object, which must outlive it.
 class Part final : public Bytes {
  public:
   Part(Bytes& of, std::uint64_t length) : of_(of), left_(length) {}
@@ -60,7 +60,7 @@ class Part final : public Bytes {
 
 enum class Compression { lz4, zstd };
 
-// What is compressed in another, which must outlive it.
+// Decompressed bytes of another object, which must outlive it.
 class Decompressed final : public Bytes {
  public:
   Decompressed(Bytes& from, Compression);

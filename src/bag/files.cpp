@@ -24,7 +24,7 @@ constexpr auto sqlite_magic = "SQLite format 3\0"sv, mcap_magic = "\x89MCAP0\r\n
 constexpr auto results_magic = "ontm"sv;  // https://sqlite.org/fileformat.html: the application's number
 constexpr std::size_t results_magic_at = 68;
 
-// The first bytes of a file; fewer, or none, where there are no more.
+// The first bytes of a file; fewer if the file is shorter.
 std::string beginning_of(const std::string& path, std::size_t most) {
   std::string begin(most, '\0');
   File file(path);
@@ -34,15 +34,15 @@ std::string beginning_of(const std::string& path, std::size_t most) {
 }
 
 [[noreturn]] void fail_form(const std::string& path, std::string_view begin) {
-  const auto* what = "it is no bag: neither rosbag2's SQLite nor MCAP. What cyclictest wrote needs --from";
+  const auto* what = "not a bag: neither rosbag2 SQLite nor MCAP. For output of cyclictest: --from";
   if (begin.starts_with(sqlite_magic))
-    what = "it is a results file of ontime, not a bag. `ontime report` and `ontime compare` read it";
+    what = "a results file of ontime, not a bag. Fix: ontime report FILE";
   else if (begin.starts_with("\x28\xb5\x2f\xfd"sv))
-    what = "it is compressed as a whole. Decompress it: `zstd -d FILE`, and name what that makes";
+    what = "the whole file is compressed. Fix: zstd -d FILE, then name the decompressed file";
   else if (begin.starts_with("\x89MCAP"sv))
-    what = "it is MCAP of a version that is unknown";
+    what = "MCAP of an unknown version";
   else if (begin.starts_with("#ROSBAG"sv))
-    what = "it is a bag of ROS 1. Convert it: `mcap convert FILE OUT.mcap`";
+    what = "a bag of ROS 1. Fix: mcap convert FILE OUT.mcap";
   throw listen::WrongInput(fmt::format("{}: {}", path, what));
 }
 
@@ -50,11 +50,11 @@ std::string metadata_in(const std::string& path) {
   auto text = beginning_of(path, most_metadata_bytes);
   if (text.size() == most_metadata_bytes)
     throw listen::WrongInput(
-        fmt::format("{}: it is longer than {} bytes, which no bag needs", path, most_metadata_bytes));
+        fmt::format("{}: {} bytes or more, too large for metadata of a bag", path, most_metadata_bytes));
   return text;
 }
 
-// Topics that were recorded, and had no message.
+// Recorded topics without messages.
 std::string silent_in(const YAML::Node& topics) {
   std::string names;
   std::size_t more = 0;
@@ -77,19 +77,19 @@ Files files_by(const fs::path& metadata) {
       files.paths.push_back((metadata.parent_path() / fs::path(file.as<std::string>()).filename()).string());
     if (const auto silent = silent_in(about["topics_with_message_count"]); !silent.empty())
       files.remarks.push_back(fmt::format(
-          "recorded without any message, and not judged: {}. Name one with --topic to judge it", silent));
+          "topics recorded without messages, and not judged: {}. To judge one: --topic TOPIC", silent));
     if (about["compression_mode"].as<std::string>("") == "MESSAGE")
-      files.remarks.emplace_back("each message is compressed by itself: ages by header.stamp are unknown");
+      files.remarks.emplace_back("each message is compressed: ages from header.stamp are unknown");
   } catch (const YAML::Exception& error) {
     throw listen::WrongInput(
-        fmt::format("{}: it is not what rosbag2 writes ({})", metadata.string(), error.what()));
+        fmt::format("{}: not metadata of rosbag2 ({})", metadata.string(), error.what()));
   }
   if (files.paths.empty())
-    throw listen::WrongInput(fmt::format("{}: it names no file of the bag", metadata.string()));
+    throw listen::WrongInput(fmt::format("{}: lists no file of the bag", metadata.string()));
   return files;
 }
 
-// The number of a file among those into which a bag is split: 12 of "drive_12.db3".
+// The number of a file of a split bag: 12 of "drive_12.db3".
 std::pair<std::size_t, std::string> order_of(const std::string& path) {
   const auto stem = fs::path(path).stem().string();
   const auto begin = stem.find_last_not_of("0123456789");
@@ -106,11 +106,11 @@ Files files_in(const fs::path& folder) {
       files.paths.push_back(entry->path().string());
   if (error) throw listen::WrongInput(fmt::format("{}: {}", folder.string(), error.message()));
   if (files.paths.empty())
-    throw listen::WrongInput(fmt::format(
-        "{}: it has neither a metadata.yaml nor a .db3 or .mcap file, so it is no bag", folder.string()));
+    throw listen::WrongInput(
+        fmt::format("{}: not a bag: no metadata.yaml, no .db3 and no .mcap file", folder.string()));
   std::ranges::sort(files.paths, {}, order_of);
   files.remarks.push_back(fmt::format(
-      "{} has no metadata.yaml: its recorder did not end by itself. The {} files there are read by number",
+      "{} has no metadata.yaml: its recorder was killed. ontime reads its {} files in order of their numbers",
       folder.string(), files.paths.size()));
   return files;
 }

@@ -12,12 +12,12 @@ namespace ontime::bag {
 
 struct Files {
   std::vector<std::string> paths;    // in the order in which they were recorded
-  std::vector<std::string> remarks;  // on what the folder says of them
+  std::vector<std::string> remarks;  // on the folder and its metadata
 };
-// Of a folder, or of a file, which is the only one. Throws listen::WrongInput.
+// `path` is a folder, or the only file. Throws listen::WrongInput.
 Files files_of(const std::string& path);
 
-// By how the file begins. Throws listen::WrongInput: it begins otherwise.
+// Chooses by the first bytes of the file. Throws listen::WrongInput for unknown ones.
 std::unique_ptr<Reader> reader_of(const std::string& path);
 
 }  // namespace ontime::bag

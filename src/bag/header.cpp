@@ -8,7 +8,7 @@
 namespace ontime::bag {
 namespace {
 
-// Of ROS 2's common_interfaces, sorted. Bags before ROS 2 Iron have no definitions.
+// Types of ROS 2's common_interfaces, sorted. Bags before ROS 2 Iron have no definitions.
 constexpr std::array<std::string_view, 50> with_header{
     "actionlib_msgs/GoalStatusArray",
     "diagnostic_msgs/DiagnosticArray",

@@ -15,8 +15,7 @@ namespace ontime::bag {
 bool begins_with_header(std::string_view type, std::string_view encoding, const std::string& definition);
 
 inline constexpr std::size_t stamp_end = 12;  // bytes of a message up to there are needed
-// The stamp of a message that begins with a Header, as XCDR1 of either byte order; nothing: it is no such
-// bytes.
+// The stamp of a message that begins with a Header, in XCDR1 of either byte order; empty: other bytes.
 std::optional<std::int64_t> stamp_of(std::span<const std::byte> message);
 
 }  // namespace ontime::bag

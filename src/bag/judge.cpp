@@ -9,24 +9,25 @@
 namespace ontime::bag {
 namespace {
 
-// A writer that leaves out more numbers than this, or goes back further than is followed, began anew.
+// A writer that skips more numbers, or goes back further than the window, restarted.
 constexpr std::uint64_t longest_leap = 1 << 20;
-// A stamp that differs more from the recording is by a clock of its own, as simulated time is.
+// A stamp further from the recording is by another clock, such as simulated time.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
-// Messages of one topic come in order, but for what threads of a recorder mix up: its clock was set back, or
-// this topic's times are odd. A topic of few messages, such as one that each file repeats, tells nothing.
+// Messages of a topic are in order, except for small swaps by the recorder's threads. A larger step back
+// means that the recorder's clock was set back, or that this topic's times are odd. A topic of few messages,
+// such as one that each file repeats, tells nothing.
 constexpr std::int64_t set_back_ns = 1'000'000'000;
 constexpr std::uint64_t enough_to_tell = 8;
-// At 18 years the time of a bag goes on no further by clocks that were set back.
+// After 18 years of bag time, clocks that were set back extend it no further.
 constexpr std::int64_t longest_time_ns = std::int64_t{1} << 59;
-// Without a message of any topic: worth a remark.
+// No message of any topic for this long is worth a remark.
 constexpr std::int64_t long_pause_ns = 10'000'000'000;
 
-// Of a writer that came back to where it was; a greater loss is rare.
+// The largest loss of a writer that returns to its old numbers; a larger one is rare.
 constexpr std::uint64_t longest_loss = 16;
 constexpr auto window = listen::Sequence::window;
 
-// 0: unknown. Without a time of its own the recorder notes its own time.
+// 0: unknown. If the writer gave no time, the recorder stores its own time.
 std::int64_t written_of(const Message& message) {
   if (message.stamp_ns) return *message.stamp_ns;
   return message.published_ns == message.recorded_ns ? 0 : message.published_ns;
@@ -34,7 +35,7 @@ std::int64_t written_of(const Message& message) {
 
 listen::Party recorder() { return {0, "recorder"}; }
 
-// Mostly a bag keeps those of a topic together.
+// A bag usually merges all publishers of a topic.
 listen::Party party_of(unsigned writer) {
   return {0, writer == 0 ? "publishers" : fmt::format("publishers of channel {}", writer + 1)};
 }
@@ -80,8 +81,9 @@ void Judge::add(const Message& message) {
   stream->times_set = times_set_;
 }
 
-// Where the clock was set back, the next message of every topic goes back. So it counts as set back when one
-// does, until a topic that was there before goes on as before, or that one does: then its own times were odd.
+// If the clock was set back, the next message of every topic goes back. So the first one that goes back
+// counts as a clock that was set, until an earlier topic, or this one, continues as before: then only its own
+// times were odd.
 void Judge::watch_clock(Stream& stream, const Message& message) {
   const bool is_known = stream.since_back >= enough_to_tell || streams_.size() == 1;
   if (doubt_) {
@@ -122,7 +124,7 @@ void Judge::end_doubt() {
   doubt_.reset();
 }
 
-// Of those that had a message since the clock was set, but this one; nullptr: of all.
+// Of streams with a message since the clock was set, without this one; nullptr: of all.
 std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const {
   std::optional<std::int64_t> latest_ns;
   for (const auto& [key, other] : streams_)
@@ -155,8 +157,8 @@ bool Judge::is_of_file(const Stream& stream, std::uint64_t number) {
   return file_.rises && file_.has_several;
 }
 
-// Follows the writer's numbers, where the bag has them. A recorder may count by itself instead, from 0 or 1
-// in each file: such numbers tell nothing until they leave one out.
+// Follows the writer's numbers, if the bag has them. A recorder may count itself instead, from 0 or 1 in each
+// file: such numbers tell nothing until one is missing.
 bool Judge::is_again(Stream& stream, const Message& message) {
   auto& sequence = stream.sequence;
   const std::uint64_t number = message.sequence, index = stream.in_file++;
@@ -182,7 +184,7 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     begins_anew = has_times ? written_ns >= latest_ns : !sequence.is_missing(number);
     if (begins_anew || !has_times) is_mixed = stream.back.is_often();
   } else {
-    // One that began anew counts on from there; another one goes on where it was.
+    // A restarted writer counts on from there; a second writer continues at its own number.
     is_mixed = next < stream.left_at && number > next + longest_loss && number >= stream.left_at &&
                number <= stream.left_at + window;
     ++stream.back.since;
@@ -234,7 +236,7 @@ void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns
   const std::uint64_t number =
       message.sequence != 0 && !stream.is_mixed ? message.sequence : stream.age.count();
   const auto before = std::exchange(stream.row_number, number);
-  // Numbers that begin again, as a recorder's own do in each file, are those of other messages.
+  // Numbers that start again, as a recorder's own do in each file, belong to other messages.
   const bool begins_again = number <= before && !stream.sequence.has_begun();
   if (begins_again || number > before + longest_leap) stream.rows.restart();
   const auto to_ns = at_ns(message);
@@ -304,31 +306,31 @@ listen::Findings Judge::findings() const {
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(
-          fmt::format("{} messages {} (the first is of {})", oddity.messages, what, oddity.topic));
+          fmt::format("{} messages {} (first topic: {})", oddity.messages, what, oddity.topic));
   };
   remark(unset_, "have a header.stamp of 0: their age is unknown");
-  remark(foreign_clock_,
-         "have a stamp that is more than a year from their recording: it is by another clock, such as "
-         "simulated time, and their age is unknown");
+  remark(
+      foreign_clock_,
+      "have a stamp more than a year from their recording, by another clock, such as simulated time: their "
+      "age is unknown");
   remark(ahead_,
-         "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
+         "have a stamp later than their recording: the writer's clock is ahead; their age counts as 0");
   remark(was_set_,
-         "are the first of their topic after the recorder's clock was set, or not in order: no period is "
+         "are the first of their topic after the recorder's clock was set, or out of order: no period is "
          "counted there");
   if (pauses_ > 0)
     findings.remarks.push_back(
         fmt::format("no topic was recorded for {:.0f} s{}: the recorder was paused, its clock was set "
-                    "forward, or nothing "
-                    "was sent. The gaps there count",
+                    "forward, or nothing was sent. These gaps count",
                     static_cast<double>(longest_pause_ns_) / 1e9,
                     pauses_ == 1 ? "" : fmt::format(", and {} more times for 10 s or longer", pauses_ - 1)));
   if (mixed_.messages > 0)
     findings.remarks.push_back(fmt::format(
-        "the numbers of several writers are mixed in {}{}: what is lost there is unknown", mixed_.topic,
+        "sequence numbers of several writers are mixed in {}{}: losses there are unknown", mixed_.topic,
         mixed_.messages == 1 ? "" : fmt::format(" and {} more topics", mixed_.messages - 1)));
   if (left_out_ > 0)
     findings.remarks.push_back(
-        fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));
+        fmt::format("{} messages are not counted: the bag has more than {} topics", left_out_, most_flows));
   return findings;
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Recorded messages become flows, one for each writer of a topic that the bag keeps apart. Pure; memory is
+// Turns recorded messages into flows, one per topic and writer, if the bag separates writers. Pure; memory is
 // bounded by most_flows.
 #pragma once
 
@@ -31,7 +31,7 @@ class Judge {
 
  private:
   using Key = std::pair<std::string, unsigned>;  // topic and writer
-  // Numbers that go back again and again after few messages are of several writers.
+  // Numbers that repeatedly go back after few messages belong to several writers.
   struct Back {
     std::uint64_t since = 0, times = 0;  // messages since the last time; how often in a row
     bool is_often();                     // it happens now
@@ -56,7 +56,7 @@ class Judge {
     listen::Rows rows;
     std::uint64_t row_number = 0;  // of the last age in `rows`
   };
-  // Something that the clocks of writers or of the recorder did.
+  // Odd times, by the clocks of writers or of the recorder.
   struct Oddity {
     std::uint64_t messages = 0;
     std::string topic;  // of the first of them
@@ -64,7 +64,7 @@ class Judge {
       if (messages++ == 0) topic = name;
     }
   };
-  // When it was recorded, on a time that goes on where the recorder's clock was set.
+  // The time of recording, without the steps of the recorder's clock.
   std::int64_t at_ns(const Message& message) const { return message.recorded_ns - origin_ns_; }
   Stream* stream_of(const Topic&);
   void watch_clock(Stream&, const Message&);
@@ -86,8 +86,8 @@ class Judge {
     bool has_several = false, rises = true;
   };
 
-  // One topic went back: was the recorder's clock set, as at_ns() takes it for? If nothing speaks against it,
-  // it was.
+  // One topic went back in time. at_ns() assumes that the recorder's clock was set, until a message shows
+  // otherwise.
   struct Doubt {
     const Stream* stream;
     std::int64_t from_ns, by_ns;  // of its first message, by the clock before; by how much time went back

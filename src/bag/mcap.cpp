@@ -49,7 +49,7 @@ Number read_number(Bytes& from) {
 
 std::string read_text(Bytes& from, std::uint64_t most) {
   const auto length = read_number<std::uint32_t>(from);
-  if (length > most) throw Damage{fmt::format("a text of {} bytes, where at most {} are read", length, most)};
+  if (length > most) throw Damage{fmt::format("a text of {} bytes (maximum: {})", length, most)};
   std::string text(length, '\0');
   read_exactly(from, std::as_writable_bytes(std::span(text)));
   return text;
@@ -57,7 +57,7 @@ std::string read_text(Bytes& from, std::uint64_t most) {
 
 std::int64_t time_of(std::uint64_t ns) {
   if (ns > static_cast<std::uint64_t>(latest_ns))
-    throw Damage{fmt::format("a message of {} ns, which is no time", ns)};
+    throw Damage{fmt::format("a message with the invalid time {} ns", ns)};
   return static_cast<std::int64_t>(ns);
 }
 
@@ -70,29 +70,30 @@ class Chunk final : public Bytes {
     expected_ = read_number<std::uint32_t>(body_);
     const auto compression = read_text(body_, 32);
     const auto stored = read_number<std::uint64_t>(body_);
-    if (stored > body_.left()) throw Damage{"a chunk that is longer than its record"};
+    if (stored > body_.left()) throw Damage{"a chunk longer than its record"};
     if (size > most_chunk_bytes)
-      throw Damage{fmt::format("a chunk of {} bytes, where at most {} are read", size, most_chunk_bytes)};
+      throw Damage{fmt::format("a chunk of {} bytes (maximum: {})", size, most_chunk_bytes)};
     stored_.emplace(body_, stored);
     if (compression.empty()) {
-      if (stored != size) throw Damage{fmt::format("a chunk of {} bytes that says {}", stored, size)};
+      if (stored != size)
+        throw Damage{fmt::format("a chunk of {} bytes, but its header states {}", stored, size)};
     } else if (compression == "lz4" || compression == "zstd") {
       decompressed_.emplace(*stored_, compression == "lz4" ? Compression::lz4 : Compression::zstd);
     } else {
-      throw Damage{fmt::format("a chunk compressed by '{}', where lz4 and zstd are known", compression)};
+      throw Damage{fmt::format("a chunk compressed with '{}' (supported: lz4, zstd)", compression)};
     }
     records_.emplace(decompressed_ ? static_cast<Bytes&>(*decompressed_) : *stored_, size);
   }
-  // skip() reads as well, so that the sum is of all.
+  // skip() reads too, so that the checksum covers all bytes.
   std::size_t read(std::span<std::byte> to) override {
     const auto count = records_->read(to);
     sum_ = crc32_z(sum_, reinterpret_cast<const Bytef*>(to.data()), count);
     return count;
   }
   std::uint64_t left() const { return records_->left(); }
-  // What follows in the record is of a later version of the format.
+  // Further bytes of the record belong to a later version of the format.
   void finish() {
-    if (expected_ != 0 && expected_ != sum_) throw Damage{"a chunk whose checksum is wrong"};
+    if (expected_ != 0 && expected_ != sum_) throw Damage{"a chunk with a checksum error"};
     if (!stored_->skip_rest() || !body_.skip_rest()) throw Short{};
   }
   std::string error() const { return decompressed_ ? decompressed_->error() : std::string(); }
@@ -125,9 +126,8 @@ class Mcap final : public Reader {
 
  private:
   [[noreturn]] void fail(const std::string& what) const {
-    throw listen::WrongInput(
-        fmt::format("{}: it is damaged: at byte {}{} there is {}. `mcap recover` may save what is left",
-                    path_, record_at_, chunk_ ? ", in a chunk," : "", what));
+    throw listen::WrongInput(fmt::format("{}: damaged at byte {}{}: {}. Try: mcap recover", path_, record_at_,
+                                         chunk_ ? ", in a chunk" : "", what));
   }
 
   void end_short() {
@@ -135,10 +135,10 @@ class Mcap final : public Reader {
       throw listen::Error(fmt::format("{}: at byte {}: {}", path_, file_.offset(), file_.error()));
     if (!file_.has_ended()) {
       const auto error = chunk_ ? chunk_->error() : std::string();
-      fail(error.empty() ? "a record whose length does not fit what it holds"
-                         : fmt::format("what cannot be decompressed: {}", error));
+      fail(error.empty() ? "a record with a length that does not match its content"
+                         : fmt::format("data that cannot be decompressed: {}", error));
     }
-    cut_ = fmt::format("it ends at byte {}, within a record", file_.offset());
+    cut_ = fmt::format("ends at byte {}, within a record", file_.offset());
     has_ended_ = true;
   }
 
@@ -154,8 +154,8 @@ class Mcap final : public Reader {
       read_exactly(from, head);
       const auto code = std::to_integer<unsigned>(head[0]);
       const auto length = little<std::uint64_t>(std::span(head).subspan(1));
-      if (code == 0) throw Damage{"no record"};
-      if (chunk_ && length > chunk_->left()) throw Damage{"a record that is longer than its chunk"};
+      if (code == 0) throw Damage{"an invalid record"};
+      if (chunk_ && length > chunk_->left()) throw Damage{"a record longer than its chunk"};
       if (code == opcode::chunk && !chunk_) {
         chunk_.emplace(file_, length);
         continue;
@@ -174,8 +174,8 @@ class Mcap final : public Reader {
     if (code == opcode::message) return message_of(body);
     if (code != opcode::schema && code != opcode::channel) return {};
     if (body.left() > most_description_bytes)
-      throw Damage{fmt::format("a description of {} bytes, where at most {} are read", body.left(),
-                               most_description_bytes)};
+      throw Damage{
+          fmt::format("a description of {} bytes (maximum: {})", body.left(), most_description_bytes)};
     if (code == opcode::schema)
       add_schema(body);
     else
@@ -197,7 +197,7 @@ class Mcap final : public Reader {
     const auto encoding = read_text(body, longest_name);
     const auto known = channels_.find(id);
     if (known != channels_.end() && known->second.name != name)
-      throw Damage{fmt::format("channel {} a second time, of another topic", id)};
+      throw Damage{fmt::format("channel {} again, with another topic", id)};
     if (known != channels_.end()) return;
     const auto writer = writers_[name]++;
     const auto found = has_header_.find(schema_id);
@@ -208,13 +208,12 @@ class Mcap final : public Reader {
   Message message_of(Part& body) {
     const auto id = read_number<std::uint16_t>(body);
     const auto channel = channels_.find(id);
-    if (channel == channels_.end())
-      throw Damage{fmt::format("a message of channel {}, which is unknown", id)};
+    if (channel == channels_.end()) throw Damage{fmt::format("a message of the unknown channel {}", id)};
     Message message{.topic = &channel->second};
     message.sequence = read_number<std::uint32_t>(body);
     message.recorded_ns = time_of(read_number<std::uint64_t>(body));
     message.published_ns = time_of(read_number<std::uint64_t>(body));
-    // Without a time of its own, that of the recording stands there.
+    // If the writer gave no time, this is the time of recording.
     if (message.published_ns == message.recorded_ns) message.published_ns = 0;
     if (message.topic->has_header) {
       std::array<std::byte, stamp_end> begin;

@@ -11,7 +11,7 @@ namespace ontime::bag {
 
 struct Topic {
   std::string name;
-  unsigned writer = 0;      // of those that the file keeps apart for this topic, from 0
+  unsigned writer = 0;      // number of the writer, if the file separates writers of a topic; from 0
   bool has_header = false;  // its messages are CDR and begin with a std_msgs/Header
 };
 
@@ -32,9 +32,9 @@ class Reader {
   virtual ~Reader() = default;
   Reader(const Reader&) = delete;
   Reader& operator=(const Reader&) = delete;
-  // In the order in which they were written; nothing: the end. Throws listen::WrongInput for damage.
+  // In the order of writing; empty: the end. Throws listen::WrongInput for damage.
   virtual std::optional<Message> next() = 0;
-  // Whether the file ended before its time, and where; "": it did not. To be asked at the end.
+  // Where the file was truncated; "": it was not. Call it at the end.
   virtual std::string cut() const { return {}; }
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // rosbag2's SQLite: a row of `topics` for each topic, one of `messages` for each message. The file may be
-// made to mislead: nothing runs that is in its schema, and no step takes for ever.
+// hostile: no trigger or view of its schema runs, and each step ends.
 #include <array>
 #include <filesystem>
 #include <map>
@@ -15,11 +15,11 @@
 namespace ontime::bag {
 namespace {
 
-constexpr int most_text_bytes = 4 << 20;  // of a value, but of messages
-constexpr int most_steps = 1'000'000;     // of SQLite's own, between two rows
+constexpr int most_text_bytes = 4 << 20;  // of a value, except message data
+constexpr int most_steps = 1'000'000;     // of SQLite's virtual machine, between two rows
 constexpr std::size_t most_topics = 1 << 16;
 
-// Absolute, so that no path means something else to SQLite, as ":memory:" does.
+// Absolute, because SQLite treats names such as ":memory:" specially.
 std::string uri_of(const std::string& path, bool immutable) {
   std::string uri = "file:";
   for (const char c : std::filesystem::absolute(path).string()) {
@@ -36,7 +36,7 @@ class Database {
   explicit Database(const std::string& path) : path_(path) {
     require_files_beside();
     open(false);
-    // Where it lies in a read-only place, and nothing waits beside it, it can be read without a lock.
+    // In a read-only folder without a log, the file can be read without a lock.
     if (const int code = run("SELECT 1 FROM sqlite_schema"); code != SQLITE_OK) {
       if (((code & 0xff) != SQLITE_CANTOPEN && (code & 0xff) != SQLITE_READONLY) || has_log()) fail(code);
       open(true);
@@ -52,15 +52,14 @@ class Database {
   }
 
   [[noreturn]] void damaged(const std::string& what) const {
-    throw listen::WrongInput(
-        fmt::format("{}: it is damaged: {}. `sqlite3 FILE .recover` may save what is left", path_, what));
+    throw listen::WrongInput(fmt::format("{}: damaged: {}. Try: sqlite3 FILE .recover", path_, what));
   }
 
   [[noreturn]] void fail(int code) {
     const std::string text = sqlite3_errmsg(handle());
     switch (code & 0xff) {
       case SQLITE_INTERRUPT:
-        damaged("to read it would have no end");
+        damaged("a query does not end");
       case SQLITE_CORRUPT:
       case SQLITE_NOTADB:
       case SQLITE_TOOBIG:
@@ -68,17 +67,17 @@ class Database {
       case SQLITE_ERROR:
       case SQLITE_MISMATCH:
         throw listen::WrongInput(
-            fmt::format("{}: its tables are not as rosbag2 makes them ({}). Choose a bag", path_, text));
+            fmt::format("{}: not a bag: its tables are not those of rosbag2 ({})", path_, text));
       case SQLITE_CANTOPEN:
       case SQLITE_READONLY:
         if (has_log())
-          throw listen::Error(
-              fmt::format("{}: its newest messages are in {}-wal, which cannot be read in a read-only place. "
-                          "Copy both to a folder that permits writing",
-                          path_, path_));
+          throw listen::Error(fmt::format(
+              "{}: its newest messages are in {}-wal, which cannot be read in a read-only folder. "
+              "Fix: copy both files to a writable folder",
+              path_, path_));
         [[fallthrough]];
       default:
-        throw listen::Error(fmt::format("{}: it cannot be read: {}", path_, text));
+        throw listen::Error(fmt::format("{}: cannot be read: {}", path_, text));
     }
   }
 
@@ -105,14 +104,14 @@ class Database {
     return std::filesystem::file_size(path_ + "-wal", error) > 0 && !error;
   }
 
-  // SQLite opens what lies beside a file by its name; to open a FIFO would wait for ever.
+  // SQLite opens files with these suffixes; opening a FIFO would wait for ever.
   void require_files_beside() const {
     std::error_code ignored;
     for (const auto* suffix : {"-wal", "-shm", "-journal"}) {
       const auto status = std::filesystem::symlink_status(path_ + suffix, ignored);
       if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
         throw listen::WrongInput(
-            fmt::format("{}: {}{} belongs to it, and is not a file. Remove it", path_, path_, suffix));
+            fmt::format("{}: {}{} is not a regular file. Fix: remove it", path_, path_, suffix));
     }
   }
 
@@ -147,15 +146,14 @@ class Rows {
     const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(handle_.get(), column));
     const auto length = sqlite3_column_bytes(handle_.get(), column);
     if (bytes == nullptr || length > most_text_bytes)
-      database_.damaged(
-          fmt::format("a text of {} bytes, where at most {} are read", length, most_text_bytes));
+      database_.damaged(fmt::format("a text of {} bytes (maximum: {})", length, most_text_bytes));
     return {bytes, static_cast<std::size_t>(length)};
   }
 
  private:
   [[noreturn]] void wrong_type(int column) {
     database_.damaged(
-        fmt::format("a value of '{}' has another type", sqlite3_column_name(handle_.get(), column)));
+        fmt::format("a value of '{}' has an unexpected type", sqlite3_column_name(handle_.get(), column)));
   }
   Database& database_;
   std::unique_ptr<sqlite3_stmt, decltype([](sqlite3_stmt* handle) { sqlite3_finalize(handle); })> handle_;
@@ -206,7 +204,8 @@ class Sqlite final : public Reader {
       const auto found = definitions.find(type);
       const bool has_header = found == definitions.end() ? begins_with_header(type, "", "") : found->second;
       if (name.size() > longest_name || topics_.size() == most_topics)
-        database_.damaged("its topics are more, or have longer names, than those of any robot");
+        database_.damaged(fmt::format("more than {} topics, or a topic name of more than {} bytes",
+                                      most_topics, longest_name));
       topics_[rows.integer(0)] = {std::move(name), 0, rows.text(3) == "cdr" && has_header};
     }
     messages_.emplace(database_, "SELECT rowid, topic_id, timestamp FROM messages ORDER BY rowid");
@@ -218,10 +217,10 @@ class Sqlite final : public Reader {
     if (row < next_row_) database_.damaged(fmt::format("message {} is out of order", row));
     next_row_ = row == INT64_MAX ? row : row + 1;
     const auto topic = topics_.find(messages_->integer(1));
-    if (topic == topics_.end()) database_.damaged(fmt::format("message {} is of no topic", row));
+    if (topic == topics_.end()) database_.damaged(fmt::format("message {} has no topic", row));
     const auto at_ns = messages_->integer(2);
     if (at_ns < 0 || at_ns > latest_ns)
-      database_.damaged(fmt::format("message {} is of {} ns, which is no time", row, at_ns));
+      database_.damaged(fmt::format("message {} has the invalid time {} ns", row, at_ns));
     Message message{.topic = &topic->second, .recorded_ns = at_ns};
     if (message.topic->has_header) message.stamp_ns = beginnings_.stamp_of(row);
     return message;

@@ -31,7 +31,7 @@ Whole whole_of(const json& number, std::int64_t least = 0,
   return static_cast<Whole>(value);
 }
 
-// Within it no difference overflows.
+// In this range no difference overflows.
 std::int64_t time_of(const json& number) {
   constexpr std::int64_t most = std::int64_t{1} << 60;
   return whole_of<std::int64_t>(number, 0, most);

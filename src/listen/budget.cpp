@@ -22,7 +22,7 @@ Budget::Step Budget::look(Time now, Time taken) {
   }
   if (elapsed < shortest) return Step::none;
   if (within(std::max<Time>(elapsed, balanced_within))) {
-    // What a span did not take is not saved for a later one.
+    // Time that a span did not use is not saved for later spans.
     return elapsed < balanced_within ? Step::none : begin_span(Step::none);
   }
   if (records_kernel_events_) {

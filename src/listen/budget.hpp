@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much of one CPU listening may take, and what it leaves out to keep to that. Pure.
+// Limits the share of one CPU that listening uses: says when to stop kernel events and when to pause. Pure.
 #pragma once
 
 #include <chrono>
@@ -12,8 +12,8 @@ namespace ontime::listen {
 class Budget {
  public:
   using Time = std::chrono::nanoseconds;
-  // No span is shorter than the one, in which a writer can be recognized. A span may take at once what the
-  // budget has for the other.
+  // A span lasts at least `shortest`, so that a writer can be recognized. It may use at once what the budget
+  // allows for `balanced_within`.
   static constexpr Time shortest = std::chrono::seconds(3), balanced_within = std::chrono::seconds(10);
 
   // `share` of one CPU, above 0.

@@ -14,9 +14,9 @@ namespace ontime::listen {
 namespace {
 
 constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
-// At once: fewer than the ring holds, so that drops are noted before the packets behind them are read.
+// Per call: fewer than the ring holds, so that drops are noted before the packets behind them are read.
 constexpr int most_packets = 64;
-constexpr std::int64_t latest_s = 4'000'000'000;  // a later time is no time; the year 2096
+constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; the year 2096
 // RTPS over IPv4, later fragments of anything, and UDP over IPv6.
 constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
 
@@ -42,7 +42,7 @@ class Capture final : public Sensor {
         if (count < 0) damage_ = pcap_geterr(handle_.get());
         return false;
       }
-      if (count < 0) throw Error(fmt::format("listen: the capture: {}", pcap_geterr(handle_.get())));
+      if (count < 0) throw Error(fmt::format("listen: the capture failed: {}", pcap_geterr(handle_.get())));
       end_doubt();
       read_ns_ = from.count();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
@@ -57,7 +57,7 @@ class Capture final : public Sensor {
                   is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
     if (!damage_.empty())
       findings.remarks.push_back(
-          fmt::format("the capture cannot be read to its end: {}. What comes before counts", damage_));
+          fmt::format("the capture cannot be read to its end: {}. ontime judges the part before", damage_));
     return findings;
   }
 
@@ -68,7 +68,7 @@ class Capture final : public Sensor {
  private:
   static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
     auto& capture = *reinterpret_cast<Capture*>(self);
-    // The handle was asked for nanoseconds, which stand where microseconds would.
+    // The handle is set to nanoseconds: they are in tv_usec.
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
     capture.origin_.begin(at_ns);
@@ -96,7 +96,7 @@ class Capture final : public Sensor {
   Handle handle_;
   const bool is_live_;
   const Limits limits_;
-  std::int64_t latest_ns_ = 0;  // of the packet before: the clock may have been set back
+  std::int64_t latest_ns_ = 0;  // of the previous packet: the clock may be set back
   std::int64_t read_ns_ = 0;    // of a live source: all until then was read
   Origin origin_;
   Packets packets_;
@@ -118,15 +118,15 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
   pcap_set_tstamp_precision(handle.get(), PCAP_TSTAMP_PRECISION_NANO);
   const int error = pcap_activate(handle.get());
   if (error == PCAP_ERROR_PERM_DENIED)
-    throw Error(
-        fmt::format("listen: this user may not capture packets on {}. Run it by sudo, or grant the program "
-                    "once: setcap cap_net_raw+ep ontime",
-                    interface));
+    throw Error(fmt::format(
+        "listen: capturing on {} needs root or CAP_NET_RAW. Fix: run with sudo, or once: sudo setcap "
+        "cap_net_raw+ep $(command -v ontime)",
+        interface));
   if (error == PCAP_ERROR_NO_SUCH_DEVICE)
-    throw WrongInput(fmt::format("{}: this machine has no such interface; `ip link` lists them", interface));
+    throw WrongInput(fmt::format("{}: not an interface of this machine. List them: ip link", interface));
   if (error < 0)
     throw Error(
-        fmt::format("listen: {}: {}; `ip link` lists the interfaces", interface, pcap_geterr(handle.get())));
+        fmt::format("listen: {}: {}. List the interfaces: ip link", interface, pcap_geterr(handle.get())));
   bpf_program filter{};
   if (pcap_compile(handle.get(), &filter, wanted, 1, PCAP_NETMASK_UNKNOWN) == 0)
     pcap_setfilter(handle.get(), &filter);

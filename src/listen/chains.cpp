@@ -32,7 +32,7 @@ std::optional<std::size_t> ChainFollower::position_of(const std::string& topic) 
   return static_cast<std::size_t>(found - wish_.steps.begin());
 }
 
-// A recorder takes too, and nothing follows from it.
+// A recorder also takes messages, but publishes none.
 bool ChainFollower::continues(std::size_t topic, std::uint32_t process) const {
   return topic + 1 == wish_.steps.size() || publishing_[topic + 1].contains(process);
 }
@@ -45,7 +45,7 @@ void ChainFollower::published(const Message& message) {
   if (publishing_[*topic].size() < most_threads) publishing_[*topic].insert(message.process);
   if (*topic == 0) return remember(message, begin(message));
   const auto* const hand = hand_of(*topic, message);
-  // What a thread took while events were lost is not known.
+  // What a thread took while events were dropped is unknown.
   if (hand == nullptr && (!noted_ || noted_->contains(message.thread))) ++found_.without_take[*topic];
   note(message.thread);
   if (hand == nullptr || !hand->journey) return remember(message, {});
@@ -125,8 +125,7 @@ void ChainFollower::note(std::uint32_t thread) {
   if (noted_ && noted_->size() < most_threads) noted_->insert(thread);
 }
 
-// Nothing is known of it either where another thread published by the same publisher at that time: then its
-// stamp does not tell which of the two it is.
+// If another thread used the same publisher at that time, the message is unknown too: its stamp fits both.
 ChainFollower::Origins ChainFollower::find(const Message& message, std::size_t topic) {
   if (!message.number) return {};
   const auto publisher = publishers_.find(message.publisher);
@@ -163,7 +162,7 @@ void ChainFollower::taken(const Message& message) {
   const auto from = find(message, *topic);
   if (message.publisher == 0 || from.is_forgotten) {
     ++found_.unknown_takes[*topic];
-    // What is under way may go on by this message.
+    // This message may continue one that is under way.
     if (continues(*topic, message.process)) forget_under_way();
   } else if (from.journey != nullptr) {
     hand.journey = *from.journey;
@@ -176,7 +175,7 @@ void ChainFollower::taken(const Message& message) {
     return;
   }
   if (wish_.steps[*topic + 1].is_of_latest) {
-    // One that came twice, or too late to be known, changes nothing.
+    // A duplicate, or a message too late to be known, changes nothing.
     if (message.publisher != 0 && !message.number) return;
     if (latest_[*topic].size() < most_threads || latest_[*topic].contains(message.process))
       latest_[*topic].insert_or_assign(message.process, hand);
@@ -191,7 +190,7 @@ void ChainFollower::reach(const Journey& journey, std::size_t stage) {
   auto& origin = origins_[journey.origin - first_origin_];
   if (stage <= origin.stage) return;
   origin.stage = static_cast<Stage>(stage);
-  // By another way its first steps may have been others.
+  // On another path its first steps may differ.
   std::copy_n(journey.at_ns.begin(), stage + 1, origin.at_ns.begin());
 }
 
@@ -221,7 +220,7 @@ void ChainFollower::arrive(const Journey& journey) {
   if (keep_row_) keep_row_({found.id, Row::Quantity::age, path->rows++, from_ns, to_ns, is_late});
 }
 
-// nullptr: there is no room for another.
+// nullptr: most_paths are in use.
 ChainFollower::Path* ChainFollower::path_of(const Journey& journey) {
   const std::vector<std::uint32_t> processes(
       journey.processes.begin(),
@@ -264,7 +263,7 @@ void ChainFollower::interrupt() {
   forget_under_way();
 }
 
-// Those that have ended are counted; what became of the others is not known.
+// Counts those that ended; the fate of the others is unknown.
 void ChainFollower::forget_under_way() {
   if (origins_.empty()) return;
   found_.ended = ended();
@@ -273,7 +272,7 @@ void ChainFollower::forget_under_way() {
   furthest_ = 0;
 }
 
-// Another process may get the number.
+// Another process may get the same number.
 void ChainFollower::retire(std::uint32_t process) {
   const auto is_of_it = [&](const auto& one) { return one.second.process == process; };
   const auto has_it = [&](const auto& all) { return std::ranges::find(all, process) != all.end(); };
@@ -293,7 +292,7 @@ void ChainFollower::retire(std::uint32_t process) {
 }
 
 ChainFollower::Ended ChainFollower::ended() const {
-  // How far any one before came.
+  // How far any earlier one came.
   std::vector<Stage> before;
   for (auto furthest = furthest_; const auto& origin : origins_) {
     before.push_back(furthest);

@@ -23,14 +23,14 @@ namespace ontime::listen {
 // Follows one chain.
 class ChainFollower {
  public:
-  // Of each publisher so many messages are known, and of so many publishers the latest.
+  // Messages kept of each publisher; publishers kept, the latest.
   static constexpr std::size_t most_remembered = 1024, most_publishers = 32;
   static constexpr std::size_t most_begun = 4096, most_paths = 32, most_threads = 1024;
-  // After such a silence a path makes room for another where there is none left.
+  // A path may be replaced after this silence, if most_paths are in use.
   static constexpr std::int64_t idle_ns = 60'000'000'000;
-  // After so long a message that came no further has ended.
+  // A message that came no further in this time has ended.
   static constexpr std::int64_t under_way_ns = 10'000'000'000;
-  // A publish has given its message a stamp after so long, or when its thread goes on to something else.
+  // A publish stamps its message within this time, or before its thread continues with something else.
   static constexpr std::int64_t stamped_ns = 100'000'000;
 
   // `party_of` names a process. Paths have ids from `first_id` on. `probing` lives longer than this.
@@ -50,7 +50,7 @@ class ChainFollower {
   void published(const Message&);
   void taken(const Message&);
   void turned(std::uint32_t thread, std::int64_t at_ns);
-  // Events are missing, before the next.
+  // Events before the next one are missing.
   void interrupt();
   void retire(std::uint32_t process);
 
@@ -67,7 +67,7 @@ class ChainFollower {
     std::array<std::int64_t, most_stages> at_ns{};
     std::array<std::uint32_t, ChainWish::most_topics + 1> processes{};
   };
-  // What a thread or a process took last of a topic; without a journey, nothing is known of it.
+  // The last take of a thread or a process; without a journey, its origin is unknown.
   struct Hand {
     std::uint32_t process = 0;
     std::size_t topic = 0;
@@ -102,8 +102,8 @@ class ChainFollower {
   const Hand* hand_of(std::size_t topic, const Message&) const;
   void remember(const Message&, std::optional<Journey>);
   struct Origins {
-    const Journey* journey = nullptr;  // nullptr: nothing is known of it
-    bool is_forgotten = false;         // it was known, too long ago
+    const Journey* journey = nullptr;  // nullptr: unknown
+    bool is_forgotten = false;         // it was known, but too long ago
   };
   Origins find(const Message&, std::size_t topic);
   void note(std::uint32_t thread);
@@ -113,7 +113,7 @@ class ChainFollower {
   Path* path_of(const Journey&);
   bool make_room_for_path();
   void forget_under_way();
-  // How far it came is known, and ontime is not why it was not taken until the next one was, at that time.
+  // Its end is known, and ontime's probes did not delay its take until the next message was taken.
   bool is_clear(const Origin& origin, std::int64_t next_ns) const {
     return !origin.is_unclear &&
            (origin.stage % 2 != 0 || !probing_.is_most_of(origin.at_ns[origin.stage], next_ns));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The machine code of a function: where a probe in it costs least, and where the function's arguments are at
+// The machine code of a function: the cheapest place for a probe, and where the function's arguments are at
 // that place. The kernel emulates some instructions (0.6 µs a hit) and single-steps the others (10 µs). Pure.
 #pragma once
 
@@ -16,7 +16,7 @@ struct Code {
   bool is_whole = false;  // the bytes are all of the function
 };
 
-// Of the first four arguments, the register that holds it, as event.h numbers them; 0: none is known.
+// The register of each of the first four arguments, as event.h numbers them; 0: unknown.
 using Registers = std::array<std::uint8_t, 4>;
 
 struct Entry {

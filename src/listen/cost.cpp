@@ -74,7 +74,7 @@ Link set(bpf_program* program, Function function, bool on_return) {
           bpf_link__destroy};
 }
 
-// Of a call by a thread that just woke, as nodes do: the median. In a loop the same call takes a third of it.
+// The median time of a call by a thread that just woke, as nodes do. In a loop a call takes a third of it.
 double time_of(Function function) {
   const char name[] = "/ontime";  // on the stack, which is in memory
   const struct { const char *implementation, *data, *topic; } endpoint{"", nullptr, name};

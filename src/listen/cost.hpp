@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a probe costs the thread that meets it, measured on functions of our own.
+// What a probe costs the thread that hits it, measured on functions of this program.
 #pragma once
 
 #include <optional>
@@ -14,8 +14,8 @@ struct ProbeCosts {
   double step_ns = 0;     // how much more it is where the kernel steps over the instruction
 };
 
-// With the programs as they are set in other processes. It takes 0.2 s and makes some hundred calls: their
-// events are of this process. Empty: this is no x86-64, or the kernel sets no probe here.
+// Uses the same BPF programs as in other processes. It takes 0.2 s and makes some hundred calls, with events
+// of this process. Empty: not x86-64, or the kernel sets no probe here.
 std::optional<ProbeCosts> measure_probe_costs(bpf_program* publish, bpf_program* take, bpf_program* taken);
 
 }  // namespace ontime::listen

@@ -17,16 +17,16 @@ std::size_t bucket_of(std::uint64_t value) {
   return (std::size_t{magnitude} << fine_bits) + static_cast<std::size_t>(value >> magnitude);
 }
 
-// The middle of what is in a bucket.
+// The middle of a bucket.
 std::int64_t value_of(std::size_t bucket) {
   const auto magnitude = bucket < (2U << fine_bits) ? 0U : static_cast<unsigned>(bucket >> fine_bits) - 1U;
   const auto least = (bucket - (std::size_t{magnitude} << fine_bits)) << magnitude;
   return static_cast<std::int64_t>(least + ((std::size_t{1} << magnitude) >> 1U));
 }
 
-// Two nodes may have one name, and one of them may hang: so another process takes the place only of one that
-// has ended. A process may also end a publisher and begin another; and of a writer that is not recognized,
-// the reader is all that is known.
+// Two nodes may have the same name, and one of them may hang. So another process replaces a flow only if its
+// process ended. A process may also end a publisher and begin another one. If the writer is not recognized,
+// only the reader is known.
 bool takes_its_place(const Flow& other, const Flow& flow) {
   const bool is_same = (flow.writer.process != 0 || flow.reader.process != 0) &&
                        other.writer == flow.writer && other.reader == flow.reader;

@@ -45,7 +45,7 @@ void Explainer::explain(std::vector<Miss>& misses) {
   std::vector<Miss*> seen;
   for (auto& miss : misses)
     if (miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
-  // In the order of their beginnings, as windows are given.
+  // Recorder::cut() expects spans in the order of their beginnings.
   std::ranges::stable_sort(seen, {}, [this](const Miss* miss) { return wanted(*miss).from_ns; });
   std::vector<trace::Span> spans;
   spans.reserve(seen.size());
@@ -70,7 +70,7 @@ void Explainer::explain(Miss& miss, trace::Window& window, const trace::Span& as
   }
   auto around = std::make_shared<Surroundings>();
   const OwnerOf noted = [&](std::int32_t thread) { return around->owners[thread] = owner_of(thread); };
-  // More events than a window holds: those of the delay itself may be fewer.
+  // The span has more events than a window holds: the delay alone may fit.
   const bool is_cut_short = !window.whole && window.span.to_ns < asked.to_ns;
   miss.why = why(miss, is_cut_short ? recorder_->cut({span_of(miss)}).front() : window, noted);
   if (window.events.size() > most_kept) {

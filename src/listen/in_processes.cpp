@@ -34,20 +34,20 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto look_every = 1s;
-constexpr std::size_t most_remarks = 32, most_handles = 1024;  // the latter without a name, of a process
-// So much a clock moves only when it is set; what disciplines it changes it by less than a thousandth.
+constexpr std::size_t most_remarks = 32, most_handles = 1024;  // handles without a topic name, of a process
+// A larger step means that the clock was set: NTP and PTP slew by less than a thousandth.
 constexpr std::int64_t least_set_ns = 1'000'000, most_interrupted_ns = 1'000'000'000;
-// After so many messages of a handle its name cannot be found.
+// A handle still without a name after this many messages never gets one.
 constexpr std::uint64_t most_messages_without_name = 1000;
-// A process that publishes without end would keep this one reading.
+// Otherwise a process that publishes without end would keep this one reading.
 constexpr std::int64_t longest_read_ns = 200'000'000;
-constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later one is no time; the year 2116
+constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // later ones are invalid; the year 2116
 
 std::string reason(int error) { return std::generic_category().message(error); }
 
 using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
 
-// For people: without arguments.
+// A readable name without arguments.
 std::string plain(const std::string& function) {
   const std::unique_ptr<char, void (*)(void*)> text(
       abi::__cxa_demangle(function.c_str(), nullptr, nullptr, nullptr), std::free);
@@ -74,11 +74,11 @@ class InProcesses final : public Sensor {
       const int error = errno;
       throw Error(
           error == EPERM || error == EACCES
-              ? "listen: the kernel refuses probes to this user. Run it by sudo (a kernel in lockdown "
-                "refuses anyway: /sys/kernel/security/lockdown)"
+              ? "listen needs root: the kernel denied probes. Fix: sudo ontime listen. If root is denied "
+                "too, check the container's privileges and /sys/kernel/security/lockdown"
               : fmt::format(
-                    "listen: the kernel cannot load the probes: {}. It needs Linux 5.15 or newer with "
-                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
+                    "listen: the kernel cannot load the probes: {}. They need Linux 5.15 or newer with "
+                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Without probes: --packets or --pcap",
                     reason(error)));
     }
     ring_.reset(ring_buffer__new(
@@ -89,7 +89,7 @@ class InProcesses final : public Sensor {
           return now_ns() < sensor.read_until_ns_ ? 0 : -1;
         },
         this, nullptr));
-    if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
+    if (!ring_) throw Error(fmt::format("listen: cannot create a BPF ring buffer: {}", reason(errno)));
     const auto& programs = probes_->progs;
     costs_ = measure_probe_costs(programs.publish, programs.rmw_take, programs.rmw_taken);
     read();
@@ -102,7 +102,7 @@ class InProcesses final : public Sensor {
     if (is_paused_) return true;
     do {
       const auto now = std::chrono::steady_clock::now();
-      // What a process did before it ended is read before its end is noted.
+      // Read the last events of a process before noting its end.
       std::optional<Processes::Change> change;
       if (now >= look_at_) {
         look_at_ = now + look_every;
@@ -125,8 +125,8 @@ class InProcesses final : public Sensor {
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
     if (clock_was_set_ > 0)
       findings.remarks.push_back(fmt::format(
-          "the clock was set, or the machine slept, {} times, by {:.3f} s at the last. No age and no "
-          "loss is known across that",
+          "the clock was set, or the machine slept, {} times, the last time by {:.3f} s. Ages and losses "
+          "across these times are unknown",
           clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
     return findings;
   }
@@ -188,14 +188,14 @@ class InProcesses final : public Sensor {
     read_ns_ = poll(&ring, 1, 0) > 0 ? std::max(read_ns_, latest_ns_) : from_ns;
   }
 
-  // The stamps of messages that are under way when the clock is set say nothing.
+  // When the clock is set, the stamps of messages under way are useless.
   void follow_clock() {
     const auto ahead_ns = machine::realtime_offset_ns(), at_ns = now_ns();
     const auto set_by_ns = ahead_ns - realtime_ahead_ns_;
     if (std::abs(set_by_ns) > least_set_ns + (at_ns - clock_read_ns_) / 1000) {
       ++clock_was_set_;
       clock_was_set_by_ns_ = set_by_ns;
-      // Set back, an earlier stamp looks later.
+      // If the clock is set back, an earlier stamp looks later.
       messages_.forget_stamps(at_ns + std::clamp<std::int64_t>(-set_by_ns, 0, most_interrupted_ns));
     }
     realtime_ahead_ns_ = ahead_ns;
@@ -221,7 +221,8 @@ class InProcesses final : public Sensor {
     }
     for (const auto& process : change.came) {
       messages_.begin_process(process.id, process.name);
-      // Of a ROS 2 node each message passes both libraries; its rmw, which it may load later, tells more.
+      // Each message of a ROS 2 node passes rmw and the DDS library. Probe rmw, which may be loaded later: it
+      // tells more.
       if (std::ranges::count(process.libraries, Middleware::rmw, &Mapping::middleware) > 0 &&
           ros_.insert(process.id).second)
         forget(process.id);
@@ -258,11 +259,11 @@ class InProcesses final : public Sensor {
     messages_.add_probing(from_ns, now_ns());
   }
 
-  // Of all processes at once: the kernel would switch the events of a single one with each of its threads,
-  // which costs more than the probes. But a probe sits in the file below an overlay, which other containers
-  // have too.
+  // Probes apply to all processes of a file: the kernel would switch the events of a single process with each
+  // of its threads, which costs more than the probes. On an overlay they apply to one process, because other
+  // containers share the file below it.
   void probe(const Process& process, const Mapping& library, Wishes wishes) {
-    // Only chains need to know where a callback ends.
+    // Only chains need the end of a callback.
     if (with_turns_)
       for (const auto& function : wishes.turns)
         wishes.messages.push_back({function, probes_->progs.turn, nullptr, {.endpoint = Wish::none}});
@@ -276,10 +277,9 @@ class InProcesses final : public Sensor {
     if (!library.is_on_overlay && everywhere_.contains(library.use())) return;
     const auto wishes = fastdds_wishes(*probes_, library.path);
     if (!wishes) {
-      remark(
-          fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see "
-                      "the packets: --packets any",
-                      library.name, process.id));
+      remark(fmt::format(
+          "{} of process {} is not Fast DDS 2: probes cannot see its messages. Fix: --packets any",
+          library.name, process.id));
       return;
     }
     if (!wishes->knows_topics) remark_unnamed(process.id, library);
@@ -293,12 +293,12 @@ class InProcesses final : public Sensor {
     try {
       own.offset_of_name = offset_of_topic_name(Library(library.path).code("dds_get_name"));
       if (!own.offset_of_name) remark_unnamed(process.id, library);
-    } catch (const Error&) {  // said where probes are set
+    } catch (const Error&) {  // reported where probes are set
     }
   }
 
   void remark_unnamed(std::uint32_t process, const Mapping& library) {
-    remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
+    remark(fmt::format("{} of process {} has an unknown layout: its topics have no names", library.name,
                        process));
   }
 
@@ -317,7 +317,7 @@ class InProcesses final : public Sensor {
     return cookie;
   }
 
-  // Sets those probes whose function the library has: all of them, or none. False: none.
+  // Sets the probes on all functions that the library has, or on none. False: none.
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     std::vector<Link> own;
     std::int64_t from_ns = 0;  // the first was set
@@ -335,7 +335,7 @@ class InProcesses final : public Sensor {
             bpf_program__attach_uprobe_opts(program, process, mapping.path.c_str(), place.offset, &options);
         if (link == nullptr) {
           const auto why = reason(errno);
-          throw Error(fmt::format("a probe at {}: {}", plain(function), why));
+          throw Error(fmt::format("cannot set a probe at {}: {}", plain(function), why));
         }
         own.emplace_back(link, bpf_link__destroy);
       };
@@ -359,12 +359,12 @@ class InProcesses final : public Sensor {
         if (!is_cheap) costly.insert(plain(wish.function));
       }
       if (!costly.empty())
-        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
+        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs about 10 µs more",
                            mapping.name, fmt::join(costly, ", ")));
     } catch (const Error& error) {
       own.clear();
       is_set = false;
-      // Where its process has ended meanwhile, there is nothing to say.
+      // A process that ended meanwhile needs no remark.
       if (process < 0 || kill(process, 0) == 0) remark(fmt::format("{}: {}", mapping.name, error.what()));
     }
     if (from_ns != 0) messages_.add_probing(from_ns, now_ns());
@@ -378,7 +378,7 @@ class InProcesses final : public Sensor {
     std::memcpy(&event, data, sizeof event);
     latest_ns_ = std::max(latest_ns_, static_cast<std::int64_t>(event.at_ns));
     if (event.process == own_process_) return;
-    if (event.is_below_rmw != 0 && ros_.contains(event.process)) return;  // its rmw told of the message
+    if (event.is_below_rmw != 0 && ros_.contains(event.process)) return;  // its rmw reports the message
     if (event.kind == ontime_named) {
       const auto* const topic = static_cast<const char*>(data) + sizeof event;
       return name(event, std::string(topic, strnlen(topic, size - sizeof event)));
@@ -386,9 +386,9 @@ class InProcesses final : public Sensor {
     if (is_paused_) return;  // some of the probes are not set
     if (event.kind != ontime_turned && event.is_handle != 0) find_name(event);
     if (event.kind == ontime_taken && event.is_below_rmw != 0 && event.is_handle == 0 && event.stamp_ns == 0)
-      remark(fmt::format(
-          "process {}: its messages have no time stamp of a known form: their age and losses stay unknown",
-          event.process));
+      remark(
+          fmt::format("process {}: its messages have no known time stamp: their age and losses are unknown",
+                      event.process));
     Observation seen{.kind = event.kind == ontime_published ? Observation::Kind::published
                              : event.kind == ontime_turned  ? Observation::Kind::turned
                                                             : Observation::Kind::taken,
@@ -406,8 +406,8 @@ class InProcesses final : public Sensor {
     messages_.add(seen);
   }
 
-  // A DDS handle of Cyclone DDS says nothing: its entity's memory has the topic's name. Where the entity is,
-  // the process's next call tells; then this probe goes again.
+  // A handle of Cyclone DDS has no topic name, but the memory of its entity has. The process's next call
+  // tells where the entity is; then this probe is removed.
   void find_name(const ontime_event& event) {
     const auto found = of_process_.find(event.process);
     if (found == of_process_.end()) return;
@@ -421,11 +421,11 @@ class InProcesses final : public Sensor {
     if (!own.offset_of_name || messages_.has_name(event.process, event.endpoint)) return;
     if (own.unnamed.size() == most_handles)
       return remark(
-          fmt::format("process {}: of more than {} topics no name was found", event.process, most_handles));
+          fmt::format("process {}: more than {} topics have no known name", event.process, most_handles));
     own.unnamed.emplace(event.endpoint, 0);
     if (!own.finder.empty() || !own.can_find) return;
-    // Each call that has a handle ends so. Of a writer and a reader the first member behind what all entities
-    // have is the topic, which has its name there.
+    // Each call with a handle ends with dds_handle_unpin(). In a writer or reader, the first member behind
+    // the common part of all entities is the topic, and the topic has its name at the same offset.
     set(own.library, static_cast<pid_t>(event.process), own.finder,
         {{.function = "dds_handle_unpin",
           .on_call = probes_->progs.dds_entity_left,
@@ -449,13 +449,13 @@ class InProcesses final : public Sensor {
 
   struct OfProcess {
     std::vector<Link> links;
-    // Of Cyclone DDS without rmw: what finds the topics' names.
+    // Cyclone DDS without rmw: the probe that finds the names of topics.
     Mapping library;
     std::optional<std::uint64_t> offset_of_name;
     std::vector<Link> finder;
-    bool can_find = true;  // false: it could not be set
+    bool can_find = true;  // false: the finder could not be set
     std::int64_t finder_since_ns = 0;
-    std::map<std::uint64_t, std::uint64_t> unnamed;  // handles, and how many messages they had since then
+    std::map<std::uint64_t, std::uint64_t> unnamed;  // handles, and their messages since then
   };
 
   const Limits limits_;
@@ -477,7 +477,7 @@ class InProcesses final : public Sensor {
   std::uint64_t clock_was_set_ = 0;
   std::int64_t clock_was_set_by_ns_ = 0;
   std::int64_t read_ns_ = now_ns();                 // all events until then were read
-  std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to leave off; the latest event's time
+  std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to stop reading; time of the latest event
   std::uint32_t lost_ = 0;
   bool is_paused_ = false;
   std::int64_t paused_ns_ = 0, resumed_ns_ = 0;

@@ -16,7 +16,7 @@
 namespace ontime::listen {
 namespace {
 
-// A process may map any file by a middleware's name.
+// A process may map any file under the name of a middleware.
 constexpr std::size_t most_code_bytes = 64 << 10, most_bytes_of_all = 4 << 20;
 constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
 constexpr std::uint64_t most_section_bytes = 64 << 20;
@@ -84,12 +84,12 @@ OpenFile::~OpenFile() {
 
 Library::Library(const std::string& path) {
   const OpenFile file(path, O_RDONLY | O_NONBLOCK);
-  if (file.fd < 0) throw Error(fmt::format("it cannot be read: {}", std::generic_category().message(errno)));
+  if (file.fd < 0) throw Error(fmt::format("cannot be read: {}", std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
   const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);
   GElf_Ehdr header;
   if (!elf || gelf_getehdr(elf.get(), &header) == nullptr || header.e_machine != machine)
-    throw Error("it is not a library of this machine's architecture");
+    throw Error("not a library of this machine's architecture");
   std::size_t bytes_of_all = 0;
   for (Elf_Scn* section = nullptr; (section = elf_nextscn(elf.get(), section)) != nullptr;) {
     GElf_Shdr shape;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A shared library as a file: where its functions are, and where a probe in them costs least.
+// A shared library as a file: where its functions are, and the cheapest places for probes in them.
 #pragma once
 
 #include <cstdint>
@@ -25,7 +25,7 @@ struct OpenFile {
 struct Place {
   std::uint64_t offset = 0;
   bool is_cheap = false;  // the kernel emulates the instruction there
-  Registers registers;    // of an entry: where the arguments that were asked for are
+  Registers registers;    // of an entry: where the requested arguments are
 };
 
 class Library {
@@ -50,7 +50,7 @@ class Library {
     Code code() const { return {bytes, address, is_whole}; }
   };
   const Function* find(const std::string& function) const;
-  std::vector<Function> functions_;  // only those that a sensor may ask for
+  std::vector<Function> functions_;  // only those that a sensor may probe
 };
 
 }  // namespace ontime::listen

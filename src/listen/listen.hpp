@@ -21,20 +21,20 @@
 
 namespace ontime::listen {
 
-// It says what was asked, what was found, and what to do.
+// what() states the request, the finding and the fix.
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// What the user named is no capture of packets, or no interface of this machine.
+// The file or interface that the user named does not exist, or is not of a known kind.
 struct WrongInput : Error {
   using Error::Error;
 };
 
-// What a message must keep; empty: not asked.
+// Limits for messages; empty: no limit.
 struct Limits {
   std::optional<std::chrono::nanoseconds> deadline;  // the longest time between two messages
-  std::optional<std::chrono::nanoseconds> period;    // the expected one; late after half as much again
+  std::optional<std::chrono::nanoseconds> period;    // the expected one; late after 1.5 times this
   std::optional<std::chrono::nanoseconds> age;       // from the writer's stamp to the take
   bool any() const { return deadline || period || age; }
   std::optional<std::chrono::nanoseconds> longest_gap() const;  // of deadline and period, the stricter
@@ -42,7 +42,7 @@ struct Limits {
   bool is_too_old(std::int64_t ns) const;
 };
 
-// How values are spread, in bounded memory: quantiles are within 1.6 %, count and maximum are exact.
+// A histogram in bounded memory: quantiles are within 1.6 %, count and maximum are exact.
 class Distribution {
  public:
   void add(std::int64_t ns);  // below zero counts as zero
@@ -51,8 +51,8 @@ class Distribution {
   std::uint64_t count_up_to(std::int64_t ns) const;  // within 1.6 % of this value
   double sum_ns() const { return sum_; }
   std::int64_t max_ns() const { return max_; }
-  std::int64_t quantile_ns(double portion) const;  // 0 … 1; of no values 0
-  // Ascending, each to within 1.6 % but the last, which is the maximum; how often.
+  std::int64_t quantile_ns(double portion) const;  // 0 … 1; without values 0
+  // Value and count, ascending. Values are within 1.6 %; the last is the exact maximum.
   std::vector<std::pair<std::int64_t, std::uint64_t>> values() const;
 
  private:
@@ -78,7 +78,7 @@ enum class AgeFrom : std::uint8_t {
 
 // Messages of one writer to one reader.
 struct Flow {
-  std::uint64_t id = 0;  // the same in all findings of a sensor, and no other flow's
+  std::uint64_t id = 0;  // unique; the same in all findings of a sensor
   std::string topic;     // as ROS 2 names it; "" where no sensor learned it
   Party writer{}, reader{};
   std::vector<Party> between{};  // nodes of a chain
@@ -91,25 +91,24 @@ struct Flow {
   std::optional<std::uint64_t> lost{};                    // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;  // by any of the limits
-  // Under way while ontime set or removed probes: taken, but neither late nor in `period` and `age`; not
-  // taken, but not in `lost`.
+  // Messages under way while ontime set or removed probes. `not_judged`: taken, but neither counted as late
+  // nor in `period` and `age`. `lost_not_judged`: not taken, but not in `lost`.
   std::uint64_t not_judged = 0, lost_not_judged = 0;
-  // From its last message to the end of listening, or until a flow of the same names began in its place,
-  // where that is beyond a limit.
+  // From its last message to the end of listening, or until a flow of the same names replaced it. 0: within
+  // the limits.
   std::int64_t silent_ns = 0;
-  bool was_replaced = false;  // by such a one, as when a node starts again
-  bool has_ended = false;     // its writer's or its reader's process has
+  bool was_replaced = false;  // by a flow of the same names, as when a node restarts
+  bool has_ended = false;     // its writer's or reader's process ended
   double rate_hz() const;
 };
 
-// A chain that was asked for: a message of each topic leads to one of the next, by a node that takes the one
-// and publishes the other.
+// A requested chain of topics: a node takes a message of one topic and publishes one of the next.
 struct ChainWish {
   static constexpr std::size_t most_topics = 8;
   struct Step {
     std::string topic;
-    // A message of it belongs to the latest of the topic before that its process took, on any thread. False:
-    // to that which its thread took last, in the same callback.
+    // True: a message is linked to the latest one of the previous topic that its process took, on any
+    // thread. False: to the one that its thread took last, in the same callback.
     bool is_of_latest = false;
   };
   std::vector<Step> steps;                      // 2 … most_topics, each topic once
@@ -121,9 +120,9 @@ inline constexpr std::size_t most_chains = 8;
 // A chain's way through processes. Its parts follow one another: a topic (publish to take), the node between
 // it and the next topic (take to publish), and so on to the last take. All times are of one clock.
 struct ChainPath {
-  std::uint64_t id = 0;        // unlike that of any flow
-  std::vector<Party> parties;  // who publishes the first topic; who takes and publishes; who takes the last
-  Distribution age;            // of what came out at the end, from the first publish
+  std::uint64_t id = 0;                    // different from the ids of flows
+  std::vector<Party> parties;              // the first publisher, the nodes between, the last reader
+  Distribution age;                        // of what came out at the end, from the first publish
   std::vector<Distribution> parts;         // two for each topic but one
   std::uint64_t late = 0, not_judged = 0;  // as of a flow
   std::int64_t last_ns = 0;
@@ -133,24 +132,24 @@ struct Chain {
   ChainWish wish;
   std::vector<ChainPath> paths;  // by parties
   std::uint64_t begun = 0;       // messages of the first topic
-  // By part: messages of the first topic that came no further, though ones before and after them did, or ten
-  // seconds passed. Of a topic: the node on the way did not take them. Of a node: it took them, and published
-  // nothing of them; it may mean so.
+  // By part: messages of the first topic that ended there, while earlier and later ones came further, or ten
+  // seconds passed. Part of a topic: the next node did not take them. Part of a node: it took them and
+  // published nothing, which may be intended.
   std::vector<std::uint64_t> ended;
   // By topic: published though the thread (or process) had taken none of the topic before in this callback.
   std::vector<std::uint64_t> without_take;
-  // By topic: taken, and from which publish is not known: the writer is not recognized yet, or remote, two
-  // threads published at once, or it was too long ago.
+  // By topic: takes with an unknown publish: the writer is not recognized yet, or remote, two threads
+  // published at once, or it was too long ago.
   std::vector<std::uint64_t> unknown_takes;
   std::int64_t silent_ns = 0;  // since something came out, where messages have gone in for ten seconds since
-  // Judged, of paths for which there was no room.
+  // Judged messages of paths beyond ChainFollower::most_paths.
   std::uint64_t forgotten = 0, forgotten_late = 0;
 };
 
-// What the probes saw of a late message's way: CLOCK_MONOTONIC, 0 where they did not see it.
+// Times of a late message as the probes saw them, by CLOCK_MONOTONIC; 0: not seen.
 struct Course {
   std::int64_t before_ns = 0;        // the message before it was published
-  std::int64_t since_ns = 0;         // it was published, or the first before it that this reader did not take
+  std::int64_t since_ns = 0;         // its publish, or the first before it that this reader missed
   std::int64_t published_ns = 0;     // it was published
   std::int64_t taken_before_ns = 0;  // the message before it was taken
   std::int64_t taken_ns = 0;
@@ -190,12 +189,12 @@ struct Miss {
   std::optional<Why> why{};  // empty: not looked for
   std::shared_ptr<const Surroundings> surroundings{};
 };
-// What a results file keeps beside the window of a miss that has one.
+// The JSON that a results file stores with the window of a miss.
 nlohmann::json way_of(const Miss&);
-// The same miss, and why it was late, from both. Nothing: a part of its time is not in the window, or it is
-// no way of ours.
+// Rebuilds the miss and its cause from both. Empty: the window lacks a part of the miss's time, or the JSON
+// is invalid.
 std::optional<Miss> explained_again(const nlohmann::json& way, const trace::Window&);
-// "26.1 ms late: …", in one line, of one that was explained.
+// One line, "26.1 ms late: …". The miss must have a `why`.
 std::string line_of(const Miss&);
 
 // One quantity of one message, as a results file keeps it.
@@ -205,17 +204,17 @@ struct Row {
   Quantity quantity = Quantity::age;
   std::uint64_t index = 0;   // of this quantity of this flow
   std::int64_t from_ns = 0;  // the writer's stamp; of a period, when the message before came
-  std::int64_t to_ns = 0;    // it came, by the same clock, which begins anywhere; 0: it was lost
+  std::int64_t to_ns = 0;    // arrival, by the same clock (of any epoch); 0: lost
   bool is_late = false;      // beyond the limit of this quantity
-  bool was_lost = false;     // a row before said so, and it came after all
+  bool was_lost = false;     // an earlier row counted it as lost, but it arrived
 };
 
-// All words that Why::cause may have.
+// All values of Why::cause.
 std::vector<std::string> causes();
 
-inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
+inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(); older ones are only counted
 
-// What the probes cost the nodes: calls that met one, and how much longer each takes for a thread that just
+// What the probes cost the nodes: calls that hit a probe, and the added time of each for a thread that just
 // woke, as measured on this machine when listening began.
 struct Cost {
   std::uint64_t publishes = 0, takes = 0;
@@ -232,28 +231,28 @@ struct Cost {
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;        // by topic, writer and reader
-  std::vector<Chain> chains;      // as asked
-  std::uint64_t sensor_lost = 0;  // events or packets that the sensor itself had no room for
-  std::map<std::string, std::uint64_t> misses_left_out;  // by topic: that take_misses() had no room for
-  // Flows of processes that ended, and that `flows` has no room for, by topic.
+  std::vector<Flow> flows;                               // by topic, writer and reader
+  std::vector<Chain> chains;                             // as requested
+  std::uint64_t sensor_lost = 0;                         // events or packets that the sensor dropped
+  std::map<std::string, std::uint64_t> misses_left_out;  // by topic: beyond most_misses
+  // Flows of ended processes beyond the bound of `flows`, by topic.
   struct Forgotten {
     std::uint64_t flows = 0, messages = 0, with_misses = 0;
   };
   std::map<std::string, Forgotten> forgotten;
   Forgotten all_forgotten() const;
-  // Names of topics may come without end from another user's process: what has no name of its own in these
-  // two maps has this one, which no topic has, and may be of any.
+  // Another user's process may make up topic names without end. Beyond most_topics names, the two maps above
+  // count under this key, which no topic has.
   static constexpr std::size_t most_topics = 16384;
   static constexpr const char* any_topic = "\n";
   std::vector<std::string> remarks;  // what the sensors could not see, and why
   std::optional<Cost> cost;          // of probes; empty: not measured
 };
 
-// A writer that has died sends no late message: says how long each flow was silent at `until_ns`, of the time
-// since `since_ns`.
+// A dead writer sends no late message. Sets silent_ns of each flow: its silence until `until_ns`, counted
+// from `since_ns` at the earliest.
 void judge_silence(std::vector<Flow>&, const Limits&, std::int64_t until_ns, std::int64_t since_ns = 0);
-// What came in the last moment of a live source may not have been read yet.
+// Messages of the last moment of a live source may not be read yet.
 inline constexpr std::int64_t unread_ns = 300'000'000;
 
 // "/cmd_vel" of the DDS topic "rt/cmd_vel"; any other name as it is.
@@ -272,8 +271,8 @@ class Sensor {
   // Calls `keep` for every message, and for what came out of a chain, from now on, within listen_for().
   virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
   virtual std::optional<Cost> cost() const { return {}; }  // of probes, until now
-  // Of probes: until resume(), they are not there, and what happens is not seen. No period, age or loss is
-  // counted across that time; a silence before it is a period that was late.
+  // Removes the probes until resume(). No period, age or loss is counted across that time; a silence before
+  // it counts as one late period.
   virtual void pause() {}
   virtual void resume() {}
 };
@@ -289,17 +288,17 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits&);
 // RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, WrongInput.
 std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
 
-// As one more reader of topics, which any user may be; each of their writers sends once more.
+// Adds a DDS reader of these topics, without privileges; each of their writers then also sends to it.
 std::unique_ptr<Sensor> as_reader(std::unique_ptr<transport::Hearing>, const Limits&);
 
-// What the kernel does, recorded in an instance of tracefs of our own, and looked at where a message was
-// late. While there is one, this process holds the machine (journal).
+// Records the kernel's events in its own instance of tracefs, and explains late messages by them. While one
+// exists, this process holds the machine (journal).
 class Explainer {
  public:
   // Throws Error: another ontime holds the machine, or the kernel cannot record.
   explicit Explainer(bool keeps_surroundings = false);
-  // Says why of the first most_explained that probes saw; soon after they were taken, and where it keeps
-  // what was around them, when window_after_ns have passed since.
+  // Sets `why` of the first most_explained misses that probes saw. Call it soon after they were taken; if it
+  // keeps surroundings, window_after_ns later.
   void explain(std::vector<Miss>&);
 
  private:

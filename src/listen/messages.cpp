@@ -9,15 +9,15 @@
 namespace ontime::listen {
 namespace {
 
-// Within this time of its publish a message gets its stamp, mostly.
+// A message usually gets its stamp within this time after its publish.
 constexpr std::int64_t soonest_ns = 20'000, soon_ns = 200'000;
-// No message is taken before it has its stamp: the clock was set back meanwhile, or is another machine's.
+// A stamp later than the take: the clock was set back, or is of another machine.
 constexpr std::int64_t most_ahead_ns = 1'000'000;
-// When stamps fit one publisher alone this often and for so long, it is no accident; as many that do not fit
-// in a row are none either.
+// If stamps fit only one publisher this often and this long, it is the writer; if as many in a row do not
+// fit, it is not.
 constexpr int enough_fits = 8;
 constexpr std::int64_t long_enough_ns = 1'000'000'000;
-// Ids of chains' paths are unlike those of flows, which count from 1.
+// Ids of chains' paths differ from those of flows, which count from 1.
 constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain = std::uint64_t{1} << 48U;
 
 }  // namespace
@@ -30,7 +30,7 @@ Messages::Messages(const Limits& limits, std::vector<ChainWish> chains) : limits
 }
 
 void Messages::begin_process(std::uint32_t process, const std::string& name) {
-  if (ended_at_.contains(process)) retire(process);  // another had the same number
+  if (ended_at_.contains(process)) retire(process);  // another process had the same number
   ended_at_.erase(process);
   processes_[process] = name;
 }
@@ -75,13 +75,13 @@ void Messages::keep(Flow&& flow) {
   auto& [flows, messages, with_misses] = forgotten_[has_room ? oldest.topic : Findings::any_topic];
   ++flows;
   messages += oldest.messages;
-  // Where a gap is limited, it has fallen silent.
+  // If gaps have a limit, its silence exceeds it.
   with_misses += oldest.late > 0 || limits_.is_gap(INT64_MAX) ? 1 : 0;
   silent_.erase(oldest.id);
   ended_.pop_front();
 }
 
-// Without room for a new one, the one that is silent for longest goes, or the new one is left out.
+// If most_live are in use, a new one replaces the longest silent one, or is left out.
 template <class Key, class One>
 One* Messages::one_of(std::map<Key, One>& all, const Key& key, std::int64_t now_ns) {
   if (const auto known = all.find(key); known != all.end()) return &known->second;
@@ -103,7 +103,7 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   if (topics_.size() >= most_names && !topics_.contains(key)) return;
   const auto [known, is_new] = topics_.try_emplace(key, topic);
   if (!is_new && known->second == topic) return;
-  // Another endpoint has the address now: what is counted from here on is of that one.
+  // The address now belongs to another endpoint: count for that one from here on.
   if (!is_new) {
     known->second = topic;
     for (auto link = links_.begin(); link != links_.end();) {
@@ -115,7 +115,7 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
     if (const auto found = publishers_.find(key); found != publishers_.end()) retire(found);
     return;
   }
-  // Observed before it had a name.
+  // Messages may be observed before the name.
   if (const auto found = publishers_.find(key); found != publishers_.end()) found->second.topic = topic;
   for (auto& [writer, link] : links_) {
     if (std::get<0>(writer) != process || std::get<1>(writer) != endpoint) continue;
@@ -209,7 +209,7 @@ void Messages::published(const Observation& seen) {
         {publisher.topic, seen.process, seen.thread, publisher.id, publisher.count - 1, seen.at_ns});
 }
 
-// At high rates less: another writer's stamps are near to some publish by chance.
+// Less at high rates: stamps of another writer are close to some publish by chance.
 bool Messages::Publisher::fits(std::int64_t stamp_ns) const {
   const auto number = last_before(stamp_ns);
   return number && stamp_ns - begun(*number) <= std::clamp(period.quantile_ns(0.5) / 20, soonest_ns, soon_ns);
@@ -239,8 +239,8 @@ void Messages::taken(const Observation& seen) {
   if (seen.stamp_ns != 0) {
     if (link.publisher) doubt(link, seen);
     if (!link.publisher) identify(link, seen);
-    // No number: published before the sensor was there, or too long ago, or it is not known whether it is the
-    // last before that stamp.
+    // No number: published before the sensor started, too long ago, or perhaps not the last publish before
+    // that stamp.
     if (link.publisher && seen.stamp_ns >= lost_until_ns_ + soon_ns)
       number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
   }
@@ -256,7 +256,7 @@ void Messages::taken(const Observation& seen) {
     }
   }
   if (link.publisher && seen.stamp_ns != 0) {
-    // The clocks are one: the age is exact.
+    // Stamp and take use the same clock: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
     of_age =
         probing_.judge(seen.stamp_ns, seen.at_ns, [this](std::int64_t ns) { return limits_.is_too_old(ns); });
@@ -270,7 +270,7 @@ void Messages::taken(const Observation& seen) {
                  .process = seen.process,
                  .thread = seen.thread,
                  .publisher = writer != publishers_.end() ? writer->second.id : 0,
-                 // No message is taken before its stamp: the clock was set back.
+                 // A take before the stamp: the clock was set back.
                  .number = is_new && seen.stamp_ns <= seen.at_ns ? number : std::nullopt,
                  .at_ns = seen.at_ns,
                  .stamp_ns = seen.stamp_ns});
@@ -289,7 +289,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   for (const auto& [key, publisher] : publishers_) {
     if (publisher.topic != link.topic || link.topic.empty()) continue;
     if (!publisher.fits(seen.stamp_ns)) continue;
-    if (only) return;  // two could have written it: this message tells nothing
+    if (only) return;  // two publishers fit: this message tells nothing
     only = key;
   }
   if (only && only == link.candidate) {
@@ -307,7 +307,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   link.misfits = 0;
 }
 
-// The writer was of another machine after all, or is no longer the one that it was.
+// The writer may be on another machine, or another one than before.
 void Messages::doubt(Link& link, const Observation& seen) {
   const auto publisher = publishers_.find(*link.publisher);
   const bool fits =
@@ -348,7 +348,7 @@ bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
         of_age != Verdict::not_judged);
     return true;
   };
-  // Each may have been lost because its reader was held up. It may come after all.
+  // Each may be lost because its reader was delayed, and may still arrive.
   if (const bool has_begun = link.sequence.has_begun(); !has_begun || number >= link.sequence.next()) {
     for (auto lost = std::max(link.sequence.next(), publisher.oldest()); has_begun && lost < number; ++lost) {
       const bool is_judged = !probing_.is_most_of(publisher.begun(lost), seen.at_ns);
@@ -366,8 +366,8 @@ bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
       if (is_repeated(number)) {
         ++link.duplicated;
       } else if (number > 0) {
-        // Another stamp is another message: two threads published at once, and both stamps came after both
-        // publishes began.
+        // Another stamp is another message: two threads published at once, and both stamps were made after
+        // both publishes began.
         if (link.sequence.see(number - 1) == Sequence::Fate::overtaken) return keep(number - 1);
         if (is_repeated(number - 1)) ++link.duplicated;
       }

@@ -43,11 +43,11 @@ class Messages {
  public:
   // Publishers and flows that are followed at once; and flows of ended processes that are kept.
   static constexpr std::size_t most_live = 1024, most_ended = 256, most_names = 16384;
-  // A process's last messages may be taken for so long after its end.
+  // How long after the end of a process its last messages may be taken.
   static constexpr std::int64_t still_taken_ns = 10'000'000'000;
-  // A topic's name comes after its first messages, so long after them where the machine is busy.
+  // A topic's name arrives after its first messages; on a busy machine within this time.
   static constexpr std::int64_t named_within_ns = 2'000'000'000;
-  // After such a silence an endpoint makes room for another where there is none left.
+  // An endpoint may be replaced after this silence, if most_live are in use.
   static constexpr std::int64_t idle_ns = 60'000'000'000;
 
   explicit Messages(const Limits&, std::vector<ChainWish> = {});
@@ -56,7 +56,7 @@ class Messages {
 
   void begin_process(std::uint32_t process, const std::string& name);
   void end_process(std::uint32_t process, std::int64_t at_ns) { ended_at_.try_emplace(process, at_ns); }
-  // Of processes that ended long before that, only the flows stay.
+  // Of processes that ended long before, only the flows stay.
   void retire_ended(std::int64_t now_ns);
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
   bool has_name(std::uint32_t process, std::uint64_t endpoint) const {
@@ -64,14 +64,14 @@ class Messages {
   }
   // In order of time, but for a few microseconds.
   void add(Observation);
-  // Until then some were not observed: nothing counts across that time, and of one published in it nothing is
-  // known.
+  // Some messages until then were not observed: nothing counts across that time, and messages published in it
+  // are unknown.
   void interrupt(std::int64_t until_ns);
-  // A flow's silence that a pause ended, from this time on: a period that is late. Each silence counts once.
+  // A silence ended by a pause: counts as one late period from this time on. Each silence counts once.
   void count_silence(std::uint64_t flow, std::int64_t from_ns, std::int64_t ns);
-  // The clock of stamps was set: those until then tell nothing. Periods are of another clock.
+  // The clock of stamps was set: stamps until then are useless. Periods use another clock.
   void forget_stamps(std::int64_t until_ns);
-  // Before what was observed since then.
+  // Call it before add() of what was observed since.
   void add_probing(std::int64_t from_ns, std::int64_t to_ns) { probing_.add(from_ns, to_ns); }
 
   Findings findings() const;
@@ -79,7 +79,7 @@ class Messages {
     for (auto& chain : chains_) chain.keep_rows(keep);
     keep_row_ = std::move(keep);
   }
-  // Their times are those of the observations. One of a topic without a name waits for it.
+  // Times are those of the observations. A miss of a topic without a name waits for the name.
   std::vector<Miss> take_misses(std::int64_t now_ns) {
     auto misses = misses_.take(
         [&](const Miss& miss) { return miss.topic.empty() && now_ns - miss.at_ns < named_within_ns; });
@@ -102,7 +102,7 @@ class Messages {
     std::vector<std::uint32_t> threads = std::vector<std::uint32_t>(remembered);
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = true;    // no period begins with the last publish
-    bool has_reader = false;  // one was recognized, and its flow tells of this publisher
+    bool has_reader = false;  // a reader was recognized; its flow includes this publisher
     Distribution period;
     std::uint64_t late = 0, not_judged = 0;
     Rows rows;
@@ -138,7 +138,7 @@ class Messages {
   void doubt(Link&, const Observation&);
   using Verdict = Probing::Verdict;
   Verdict judge_gap(std::int64_t from_ns, std::int64_t to_ns) const;
-  // False: it was taken before, or too late to know.
+  // False: it was taken before, or it is too old to tell.
   bool place(Link&, std::uint64_t number, const Observation&, Verdict of_age);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
@@ -154,7 +154,7 @@ class Messages {
   Party party(std::uint32_t process) const;
 
   const Limits limits_;
-  // What has no limit while the other has one is of no interest.
+  // Gaps and ages are both judged if neither has a limit; else only what has one.
   const bool judges_gaps_ = limits_.longest_gap() || !limits_.age;
   const bool judges_ages_ = limits_.age || !limits_.longest_gap();
   std::map<std::uint32_t, std::string> processes_;
@@ -166,7 +166,7 @@ class Messages {
   std::set<std::uint64_t> silent_;  // flows whose silence was counted, and that had no message since
   std::map<std::string, Findings::Forgotten> forgotten_;
   std::uint64_t left_out_ = 0, last_id_ = 0;
-  // What was published before is not known, or only its publish may be missing.
+  // Messages published before are unknown; or only their publish may be missing.
   std::int64_t interrupted_until_ns_ = 0, lost_until_ns_ = 0;
   Probing probing_;
   Misses misses_;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Misses that wait to be taken: the latest most_misses, and of each topic how many had no room.
+// Misses that wait to be taken: the latest most_misses, and by topic the number of those left out.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +29,7 @@ class Misses {
   std::vector<Miss> take() {
     return take([](const Miss&) { return false; });
   }
-  // But those that are to wait on.
+  // Takes all except those that shall wait.
   template <class Waits>
   std::vector<Miss> take(Waits waits) {
     const auto first_taken = std::stable_partition(waiting_.begin(), waiting_.end(), waits);

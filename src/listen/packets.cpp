@@ -54,7 +54,7 @@ Packets::Packets(int link_type) : link_type_(link_type) {
   for (const int known : {DLT_EN10MB, DLT_LINUX_SLL, DLT_LINUX_SLL2, DLT_RAW})
     if (link_type == known) return;
   throw Error(fmt::format(
-      "these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked (113, 276) are read",
+      "link type {} is not supported; supported: Ethernet (1), raw IP (12), Linux cooked (113, 276)",
       link_type));
 }
 
@@ -129,7 +129,7 @@ std::optional<Datagram> Packets::ipv6(Bytes packet) {
   return udp(AF_INET6, source, destination, *all);
 }
 
-// The datagram, once each of its pieces was here. Pieces that overlap only make one that is not RTPS.
+// The datagram, when all of its fragments arrived. Overlapping fragments only make one that is not RTPS.
 std::optional<Packets::Bytes> Packets::whole(Bytes source, Bytes destination, std::uint32_t identification,
                                              std::size_t at, bool is_last, Bytes piece) {
   const auto end = at + piece.size();

@@ -27,7 +27,7 @@ struct Datagram {
 
 class Packets {
  public:
-  // Of a link type of libpcap (DLT_…) other than those that are understood, throws Error.
+  // Throws Error for an unsupported link type of libpcap (DLT_…).
   explicit Packets(int link_type);
   // Empty: no UDP datagram ends with this frame, or it is the sending half of one on loopback, which shows it
   // twice.

@@ -42,7 +42,7 @@ struct endpoint {
   __u64 process;
 };
 
-// The topic's name, as name_object() puts it in a number, of those endpoints that user space knows.
+// Names of topics, as numbers by name_object(), of the endpoints that user space knows.
 struct {
   __uint(type, BPF_MAP_TYPE_LRU_HASH);
   __uint(max_entries, 16384);
@@ -50,7 +50,7 @@ struct {
   __type(value, __u64);
 } named SEC(".maps");
 
-// What a call was given, until it returns. A take of rmw calls one of a DDS, which may call one of the third.
+// The arguments of a call, until it returns. A take of rmw calls one of a DDS, which may call a third one.
 struct call {
   __u64 endpoint;
   __u64 taken;  // rmw: bool*
@@ -87,9 +87,9 @@ static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint, __
   return event;
 }
 
-// By the way that the cookie tells, which begins at the endpoint's object. What is not in memory now, a probe
-// may not wait for: the next message tries again. User space may not either, for it is the process that says
-// when such a wait ends (userfaultfd, FUSE).
+// Follows the offsets in the cookie from the endpoint's object. A probe may not wait for memory that is paged
+// out: the next message tries again. User space may not read it either, because the process decides when such
+// a wait ends (userfaultfd, FUSE).
 static __always_inline void name_object(__u64 object, __u64 endpoint, __u64 cookie) {
   const struct endpoint key = {.address = endpoint, .process = bpf_get_current_pid_tgid() >> 32};
   const __u64 in_endpoint = cookie >> ontime_cookie_topic & 0xffff;
@@ -117,7 +117,7 @@ static __always_inline void name_object(__u64 object, __u64 endpoint, __u64 cook
 
 static __always_inline void name(__u64 endpoint, __u64 cookie) { name_object(endpoint, endpoint, cookie); }
 
-// Of a register that the cookie names.
+// The value of a register that the cookie names.
 static __always_inline __u64 value(const struct pt_regs* regs, __u64 cookie, __u32 shift) {
   const __u64 which = cookie >> shift & 15;
   __u64 value = 0;
@@ -132,7 +132,7 @@ static __always_inline int published(__u64 endpoint, __u64 cookie) {
   return 0;
 }
 
-// Notes what a call was given, in the registers that the probe's cookie names. A DDS handle has 32 bits.
+// Notes the arguments of a call, in the registers that the probe's cookie names. A DDS handle has 32 bits.
 static __always_inline int enter(void* under_way, struct pt_regs* regs, __u64 cookie, __u64 endpoint_bits) {
   struct call* const call =
       bpf_task_storage_get(under_way, bpf_get_current_task_btf(), 0, BPF_LOCAL_STORAGE_GET_F_CREATE);
@@ -154,13 +154,13 @@ static const __u64 pointer = ~0ULL, handle = 0xffffffff;
 
 static __always_inline int leave(void* under_way, struct call* call) {
   struct call* const found = bpf_task_storage_get(under_way, bpf_get_current_task_btf(), 0, 0);
-  if (!found || !found->endpoint) return 0;  // entered before there was a probe
+  if (!found || !found->endpoint) return 0;  // entered before the probe was set
   *call = *found;
   found->endpoint = 0;
   return 1;
 }
 
-// Of rmw and of Fast DDS.
+// For rmw and Fast DDS.
 SEC("uprobe")
 int publish(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs), endpoint = value(regs, cookie, ontime_cookie_endpoint);
@@ -188,7 +188,7 @@ int rmw_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// A thread waits for messages, or begins a timer's or a service's callback: what it took last is done with.
+// A thread waits for messages, or begins a timer's or a service's callback: the callback of its last take ended.
 SEC("uprobe")
 int turn(struct pt_regs* regs) {
   count(ontime_turn_calls, bpf_get_attach_cookie(regs));
@@ -216,7 +216,7 @@ struct sample_info {
   __u32 counts[5];
 };
 
-// Of a call that took more samples than a loop here may have turns, the rest is not seen.
+// Samples beyond the bound of this loop are not seen; they count as lost events.
 static __always_inline void leave_out(int samples) {
   if (samples > ontime_most_samples) __sync_fetch_and_add(&lost, samples - ontime_most_samples);
 }
@@ -241,8 +241,8 @@ int dds_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// Cyclone DDS is done with an entity, which begins with its handle: so its address is known. One that is no
-// writer and no reader may get a name that means nothing: no message has its handle.
+// Cyclone DDS releases an entity, which begins with its handle: so its address is known. An entity other than
+// a writer or reader may get a meaningless name, but no message has its handle.
 SEC("uprobe")
 int dds_entity_left(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs), entity = value(regs, cookie, ontime_cookie_endpoint);
@@ -258,7 +258,7 @@ int fastdds_take(struct pt_regs* regs) { return take(&dds_calls, regs, pointer);
 static __always_inline void fastdds_taken_one(const struct call* call, const void* at) {
   struct ontime_fastdds_info info;
   if (bpf_probe_read_user(&info, sizeof info, at) != 0) return;
-  // Two units that say the same: the structure is the expected one. Otherwise the message has no stamp.
+  // Both units agree: the structure is the expected one. Otherwise the message has no stamp.
   const __u32 difference = info.nanoseconds - (__u32)((__u64)info.fraction * 1000000000 >> 32) + 2;
   const int is_known = info.seconds > 0 && info.nanoseconds < 1000000000 && difference <= 4;
   if (is_known && info.is_valid != 1) return;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// When ontime set or removed probes. The kernel may hold up threads whose code it changes: what is late by
-// that is not judged.
+// When ontime set or removed probes. The kernel may delay threads while it changes their code: messages late
+// by that are not judged.
 #pragma once
 
 #include <algorithm>
@@ -20,15 +20,15 @@ class Probing {
     times_.emplace_back(from_ns, to_ns);
   }
   enum class Verdict : std::uint8_t { on_time, late, not_judged };
-  // Not judged: ontime may be why this time is beyond its limit, or is most of it. What is beyond the limit
-  // without that is late.
+  // Not judged: ontime may have caused the excess over the limit, or made most of this time. Late: above the
+  // limit even without ontime's part.
   template <class IsBeyond>
   Verdict judge(std::int64_t from_ns, std::int64_t to_ns, const IsBeyond& is_beyond) const {
     const auto own_ns = within(from_ns, to_ns), all_ns = to_ns - from_ns;
     if (is_beyond(all_ns - own_ns)) return Verdict::late;
     return own_ns > 0 && (is_beyond(all_ns) || 2 * own_ns >= all_ns) ? Verdict::not_judged : Verdict::on_time;
   }
-  // Of the time in which a message was lost.
+  // Whether ontime made most of the time in which a message was lost.
   bool is_most_of(std::int64_t from_ns, std::int64_t to_ns) const {
     return judge(from_ns, to_ns, [](std::int64_t) { return false; }) == Verdict::not_judged;
   }

@@ -36,8 +36,8 @@ std::optional<Middleware> middleware_of(std::string_view library) {
 using Opened = std::map<std::pair<std::uint64_t, std::uint64_t>,
                         std::shared_ptr<const OpenFile>>;  // by device and inode
 
-// And what the process's maps do not tell, or tell otherwise than stat() does (Btrfs). What many processes
-// map is opened once. False: it is gone, or no file.
+// Also sets what /proc/PID/maps lacks, or states differently from stat() (Btrfs). A file that many processes
+// map is opened once. False: it is gone, or not a regular file.
 bool open_file(Mapping& mapping, Opened& all) {
   auto opened = std::make_shared<const OpenFile>(mapping.path, O_PATH);
   const int fd = opened->fd;
@@ -112,7 +112,7 @@ Processes::Change Processes::look() {
     if (const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), id);
         wrong != std::errc{} || *end != '\0')
       continue;
-    present.insert(id);  // one that has ended since is gone at the next look
+    present.insert(id);  // if it ended since, it is gone at the next look
     const auto started = start_of(id);
     if (started == 0) continue;
     auto& known = known_[id];
@@ -134,7 +134,7 @@ Processes::Change Processes::look() {
     }
     if (!process.libraries.empty()) change.came.push_back(std::move(process));
   }
-  if (error) return change;  // who has ended is not known
+  if (error) return change;  // it is unknown which processes ended
   std::erase_if(known_, [&](const auto& one) {
     if (present.contains(one.first)) return false;
     change.gone.push_back(one.first);

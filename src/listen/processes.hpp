@@ -23,16 +23,16 @@ struct Mapping {
   Middleware middleware = Middleware::rmw;
   std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
   std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
-  // Keeps `path`: a process may map another file at any time, and name it as it likes.
+  // Keeps `path` valid: a process may map another file, under any name, at any time.
   std::shared_ptr<const OpenFile> opened{};
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
-  // What it is probed as: another user may map a file by another middleware's name.
+  // Another user may map a file under the name of another middleware.
   using Use = std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>;
   Use use() const { return {middleware, file}; }
-  bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
+  bool is_on_overlay = false;  // containers of one image share the file, with different inodes
 };
 
-// As the kernel has it; empty where the process has ended.
+// From /proc/PID/comm; empty: the process ended.
 std::string process_name(std::uint32_t process);
 
 struct Process {
@@ -50,7 +50,7 @@ class Processes {
     std::vector<std::uint32_t> gone;
   };
   Change look();
-  // As if all processes were new; those that end meanwhile are told of.
+  // Reports all processes again as new; the ended ones as gone.
   void look_again();
 
  private:
@@ -62,8 +62,7 @@ class Processes {
   std::map<std::uint32_t, Known> known_;
 };
 
-// What a line of /proc/PID/maps says of a middleware's library, which is not opened yet; empty: it is of
-// something else.
+// The middleware library of a line of /proc/PID/maps, not opened yet; empty: another mapping.
 std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process);
 
 }  // namespace ontime::listen

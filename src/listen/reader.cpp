@@ -30,8 +30,8 @@ class Reader final : public Sensor {
     judge_silence(findings.flows, limits_, read_ns_ - unread_ns);
     for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
     findings.remarks.emplace_back(
-        "--reader is the last resort: each writer sends to one more reader, ontime's own. Judged is the way "
-        "to that reader; what the robot's own readers took, and when, is not seen");
+        "--reader is the last resort: each writer also sends to ontime's reader. ontime judges only what "
+        "arrives there, not what the robot's own readers take");
     return findings;
   }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A flow's messages, numbered for a results file: without holes where the sensor was blind, and so that a
-// message that comes after all takes the place of its loss.
+// Numbers a flow's messages for a results file: without holes where the sensor was blind. A late message gets
+// the number of its loss.
 #pragma once
 
 #include <algorithm>
@@ -43,9 +43,8 @@ class Rows {
     if (keep) keep({flow, Row::Quantity::period, periods_++, from_ns, to_ns, is_late});
   }
 
-  // The writer's message of this number, which came after all of lower numbers, or was overtaken. Those
-  // between were lost; lost_at() says when they were published, or 0: that one was not lost. One that is not
-  // judged has no row.
+  // Adds the writer's message of this number. Numbers between it and the last one are lost: lost_at() gives
+  // the time of publish, or 0: not lost. A message that is not judged has no row.
   template <class LostAt>
   void age(const KeepRow& keep, Row row, std::uint64_t number, const LostAt& lost_at, bool is_judged = true) {
     if (!keep) return;
@@ -57,7 +56,7 @@ class Rows {
     if (number < first_number_) return;
     row.quantity = Row::Quantity::age;
     row.index = number - first_number_ + first_;
-    // What was lost before that is only counted: a reader that stopped for a day, a number made up by others.
+    // Older losses are only counted: after a day's stop of the reader, or numbers made up by other programs.
     if (row.index > Sequence::window) next_ = std::max(next_, row.index - Sequence::window);
     for (; next_ < row.index; ++next_) {
       lost_.reset(next_ % Sequence::window);
@@ -72,12 +71,12 @@ class Rows {
     lost_.reset(at);
     if (is_judged || row.was_lost) keep(row);
   }
-  // A number below the last, of which it is known only now that it was lost.
+  // A lower number than the last one, only now known to be lost.
   void lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t number, std::int64_t at_ns) {
     if (keep && !is_broken_ && number >= first_number_)
       keep_lost(keep, flow, number - first_number_ + first_, at_ns);
   }
-  // What was between the last number and the next is not known.
+  // The numbers between the last one and the next one are unknown.
   void restart() { is_broken_ = true; }
 
  private:
@@ -89,7 +88,7 @@ class Rows {
   std::uint64_t periods_ = 0, next_ = 0;        // indices
   std::uint64_t first_number_ = 0, first_ = 0;  // a number and its index
   bool is_broken_ = true;
-  std::bitset<Sequence::window> lost_;  // indices below next_ of which a row says so, by index modulo window
+  std::bitset<Sequence::window> lost_;  // indices below next_ with a row of a loss, by index modulo window
 };
 
 }  // namespace ontime::listen

@@ -15,7 +15,7 @@ constexpr std::size_t header_bytes = 20;
 constexpr std::size_t longest_name = 256;
 constexpr std::array<std::uint8_t, 4> publications_writer{0x00, 0x00, 0x03, 0xc2};
 
-// Reads on from the front; what is beyond the end reads as zero and is remembered.
+// Reads from the front; bytes beyond the end read as zero, and is_beyond() tells.
 class Reader {
  public:
   Reader(Bytes bytes, bool is_little_endian) : bytes_(bytes), is_little_(is_little_endian) {}
@@ -36,7 +36,7 @@ class Reader {
     for (auto& byte : result) byte = at(position_++);
     return result;
   }
-  // Zero: it is none (they begin with 1, and the high half is signed).
+  // Zero: invalid (numbers begin with 1, and the high half is signed).
   std::uint64_t sequence() {
     const auto high = number<std::uint32_t>();
     const auto low = number<std::uint32_t>();
@@ -145,7 +145,7 @@ class Datagram {
     }
     if (in.is_beyond() || found.sequence == 0 || qos_at < in.position()) return;
     in.skip(qos_at - in.position());
-    // A key alone tells that an instance ends: it is no message, but it has a number.
+    // A key without data ends an instance: it has a number, but is not a message.
     const bool has_qos = (flags & 2U) != 0, has_payload = is_fragment || (flags & 4U) != 0;
     if (has_qos && !skip_parameters(in)) return;
     if (!has_payload) {

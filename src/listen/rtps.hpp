@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// RTPS, the protocol of DDS on the wire: what a datagram says of a writer's messages (OMG DDSI-RTPS 2.3,
-// section 9.4). Pure; any bytes are valid input, and nothing of them is kept.
+// RTPS, the wire protocol of DDS: reads the writers' messages in a datagram (OMG DDSI-RTPS 2.3, section 9.4).
+// Pure; any bytes are valid input, and none are kept.
 #pragma once
 
 #include <array>
@@ -40,7 +40,7 @@ struct Gap {
 
 struct Heartbeat {
   Guid writer;
-  std::uint64_t first = 0, last = 0;  // what the writer still has; last < first: nothing
+  std::uint64_t first = 0, last = 0;  // numbers that the writer still has; last < first: none
 };
 
 struct Visitor {
@@ -51,17 +51,17 @@ struct Visitor {
 
 enum class Outcome : std::uint8_t {
   whole,
-  cut,     // it ends within a submessage; what came before was visited
+  cut,     // it ends within a submessage; the part before was visited
   foreign  // it is not RTPS
 };
 Outcome visit(std::span<const std::byte> datagram, const Visitor&);
 
-// What a discovery message says of a writer.
+// A writer as announced by a discovery message.
 struct Writer {
   Guid guid;
   std::string topic, type;
 };
-// Of a message of the built-in writer of publications; empty: it is none, or it says nothing of a topic.
+// Reads a message of the built-in writer of publications; empty: another message, or one without a topic.
 std::optional<Writer> announced(const Data&);
 
 }  // namespace ontime::listen::rtps

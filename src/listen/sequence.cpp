@@ -43,7 +43,7 @@ void Sequence::announce(std::uint64_t last) {
 
 void Sequence::pass_over(std::uint64_t first, std::uint64_t last) {
   if (!next_ || last < first) return;
-  // A writer numbers without holes: what it has not passed over exists.
+  // A writer numbers without holes: numbers that it did not pass over exist.
   if (first > *next_) advance(first, true);
   const auto oldest = std::max(first, *next_ > window ? *next_ - window : 0);
   for (auto number = oldest; number <= last && number < *next_; ++number) missing_.reset(number % window);

@@ -10,7 +10,7 @@ namespace ontime::listen {
 
 class Sequence {
  public:
-  static constexpr std::uint64_t window = 4096;  // how far behind the latest number one may still come
+  static constexpr std::uint64_t window = 4096;  // how far behind the latest number a message may arrive
 
   enum class Fate : std::uint8_t {
     in_order,   // later than all before; those between are missing from now on
@@ -23,7 +23,7 @@ class Sequence {
   void announce(std::uint64_t last);
   // These numbers will not come, and are not lost.
   void pass_over(std::uint64_t first, std::uint64_t last);
-  // Begins anew with the next number seen; what is lost until now stays lost.
+  // Restarts with the next number seen; losses until now stay.
   void restart();
   bool has_begun() const { return next_.has_value(); }
   bool is_missing(std::uint64_t number) const {  // of those within the window

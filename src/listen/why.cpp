@@ -17,12 +17,12 @@ using explain::Cause;
 using explain::Part;
 using explain::State;
 
-constexpr std::int64_t longest_ns = 1'000'000'000;  // that is looked back
+constexpr std::int64_t longest_ns = 1'000'000'000;  // how far back it looks
 constexpr std::size_t most_steps = 32;              // from thread to thread
 // The kernel's priorities of SCHED_FIFO's and SCHED_RR's 99 … 1, and of the default's.
 constexpr int real_time = 99, usual_priority = 50;
 
-// Which part of a late message's time is looked at: its publisher's, or its way to the reader.
+// The part of a late message's time to explain: its publisher's, or its way to the reader.
 struct Leg {
   std::int64_t from_ns, to_ns;
   std::int32_t thread;       // that published, or took
@@ -69,7 +69,8 @@ class Search {
   }
 
  private:
-  // Who had the message in hand, the last first: a thread that slept is followed to the one that woke it.
+  // The threads that had the message in hand, the last first: from a thread that slept to the one that woke
+  // it.
   std::vector<Step> steps() const {
     std::vector<Step> steps;
     auto thread = leg_.thread;
@@ -94,8 +95,8 @@ class Search {
     return steps;
   }
 
-  // A thread of either end, or one of the kernel's that brings packets. Over loopback the thread that sends
-  // is the one that the softirq interrupts.
+  // A thread of writer or reader, or a kernel thread that delivers packets. Over loopback the softirq
+  // interrupts the sending thread.
   bool has_it_in_hand(const explain::Waker& waker) const {
     if (!waker.interrupt.empty() && waker.interrupt != "NET_RX") return false;
     if (explain::is_kernels(timeline_.name_of(waker.thread))) return true;
@@ -104,8 +105,8 @@ class Search {
     return process == miss_.writer.process || (!leg_.is_publishers && process == miss_.reader.process);
   }
 
-  // A reader that its own timer woke takes what another of its threads received: one that the writer woke,
-  // and that had not got to it when the reader woke.
+  // If its own timer woke the reader, another thread of its process received the message. Finds the one that
+  // the writer woke and that still waited when the reader woke.
   std::optional<std::int32_t> held_up_receiver(std::int32_t reader, std::int64_t at_ns) const {
     if (leg_.is_publishers) return {};
     for (const auto& event : timeline_.events()) {
@@ -126,12 +127,12 @@ class Search {
     return known->second;
   }
 
-  // What names another, the machine, or long work of its own. A sleep names nothing: it may be meant.
+  // A cause that names another process, the machine, or long work. A sleep is not one: it may be intended.
   static bool is_seen(Cause cause) {
     return cause != Cause::waited && cause != Cause::timer && cause != Cause::unknown;
   }
 
-  // What held up one thread of a process and then another is one cause.
+  // The same culprit that delays several threads of a process is one cause.
   void add(Part part) {
     const auto same = std::find_if(parts_.begin(), parts_.end(), [&](const Part& one) {
       return one.cause == part.cause && one.culprit == part.culprit &&
@@ -177,7 +178,7 @@ class Search {
     return why;
   }
 
-  // A thread of the kernel to which it gives no other CPU.
+  // A kernel thread that is bound to its CPU.
   static bool is_bound(const std::string& thread) {
     return std::ranges::any_of(
         std::initializer_list<const char*>{"kworker/", "ksoftirqd/", "migration/", "rcuc/", "ktimers/"},
@@ -206,13 +207,13 @@ class Search {
       case Cause::page_fault:
         return "lock its memory: mlockall() in the node";
       case Cause::busy:
-        return "shorter callbacks, or a thread of its own for this topic";
+        return "shorter callbacks, or a separate thread for this topic";
       default:
         return explain::advice_of(part, victim);
     }
   }
 
-  // None of those that had the CPU is most of the delay: all together are, and none is the culprit.
+  // No single thread had the CPU for half of the delay, but all together did: then there is no culprit.
   std::optional<Why> by_several() const {
     std::int64_t all_ns = 0;
     const Part* most = nullptr;
@@ -226,24 +227,24 @@ class Search {
     if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
     auto whole = *most;
     whole.ns = all_ns;
-    whole.culprit = fmt::format("{} others, {} for longest,", names.size(), most->culprit);
+    whole.culprit = fmt::format("{} others (longest: {})", names.size(), most->culprit);
     whole.culprit_threads.clear();
     return seen(whole);
   }
 
-  // What is known where nothing is accused.
+  // What is known without a cause.
   Why unseen() const {
     Why why{.cause = explain::word_of(Cause::unknown), .sentence = "cause not seen: "};
     const auto& writer = miss_.writer;
     if (leg_.is_publishers)
-      why.sentence += fmt::format("{} [{}] published it late, and no event shows that it was held up",
-                                  writer.name, writer.process);
+      why.sentence += fmt::format("{} [{}] published it late, and no kernel event explains why", writer.name,
+                                  writer.process);
     else if (miss_.course.missing > 0)
       why.sentence += fmt::format("{} messages before it were published and not taken", miss_.course.missing);
     else if (writer.process == 0)
-      why.sentence += "its writer is not known on this machine, and its reader was not held up";
+      why.sentence += "its writer is unknown on this machine, and its reader was not delayed";
     else
-      why.sentence += "no event shows what held it up between its two ends";
+      why.sentence += "no kernel event explains the delay between writer and reader";
     return why;
   }
 
@@ -270,7 +271,7 @@ trace::Span span_of(const Miss& miss) {
 }
 
 Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) {
-  // What is hardly longer than usual has no cause but what is usual.
+  // A message hardly later than usual has no special cause.
   const auto usual_ns = miss.course.usual_ns;
   const bool is_gap = miss.kind == Miss::Kind::gap;
   if (usual_ns > 0 && 10 * (miss.value_ns - usual_ns) < miss.value_ns)
@@ -280,7 +281,7 @@ Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) 
                                     static_cast<double>(usual_ns) / 1e6, is_gap ? "apart" : "old")};
   if (!window.whole)
     return {.cause = explain::word_of(Cause::unknown),
-            .sentence = "cause not seen: the kernel's events of that time are not all there"};
+            .sentence = "cause not seen: some kernel events of that time are missing"};
   return Search(miss, window, owner_of).why();
 }
 

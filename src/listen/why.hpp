@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why a message was late, by what the kernel did meanwhile. Pure.
+// Why a message was late, by the kernel's events of that time. Pure.
 #pragma once
 
 #include <cstdint>
@@ -10,12 +10,12 @@
 
 namespace ontime::listen {
 
-// The process of a thread; number 0 where it is gone, or is none.
+// The process of a thread; number 0: it ended, or does not exist.
 using OwnerOf = std::function<Party(std::int32_t thread)>;
 
-// What has to be known for it; of a miss that the probes did not see, of no length.
+// The time span that an explanation needs; empty for a miss that the probes did not see.
 trace::Span span_of(const Miss&);
-// Accuses nothing that accounts for less than half of the delay above the usual.
+// Names no cause that makes less than half of the delay above the usual one.
 Why why(const Miss&, const trace::Window&, const OwnerOf&);
 
 }  // namespace ontime::listen

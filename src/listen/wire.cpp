@@ -19,7 +19,7 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 }  // namespace
 
 void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
-  // nullptr: of that writer nothing is concluded, or not so far.
+  // nullptr: the writer is unknown or restarts, or the number is too far ahead.
   const auto sequence_of = [&](const rtps::Guid& writer, std::uint64_t last) -> Sequence* {
     const auto found = streams_.find(writer);
     if (found == streams_.end() || found->second.is_broken) return nullptr;
@@ -107,14 +107,14 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     stream->is_broken = true;
   }
   const auto fate = stream->sequence.see(data.sequence);
-  // A copy to another destination is for another reader; on another interface it is the same packet, or goes
-  // to another network.
+  // A copy to another destination is for another reader. On another interface it is the same packet, or one
+  // for another network.
   const Way way{datagram.destination, datagram.source, datagram.interface};
   if (stream->ways.size() < most_ways || stream->ways.contains(way))
     if (stream->ways[way].see(data.sequence) == Sequence::Fate::again && fate == Sequence::Fate::again)
       ++stream->duplicated;
   if (fate != Sequence::Fate::in_order && fate != Sequence::Fate::overtaken) return;
-  // A heartbeat that came first does not make its message late.
+  // A heartbeat ahead of its message does not make it out of order.
   if (data.sequence < stream->last_seen && !stream->is_broken) ++stream->reordered;
   if (stream->is_broken) stream->last_seen = 0;
   stream->last_seen = std::max(stream->last_seen, data.sequence);
@@ -157,7 +157,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
   stream.late += is_late ? 1 : 0;
 }
 
-// A GAP after the message may still say that those before it were never sent.
+// A later GAP may still tell that earlier numbers were never sent.
 void Wire::keep_losses(Stream& stream, std::int64_t at_ns, std::uint64_t number) {
   constexpr std::uint64_t doubtful = 64;
   if (number < doubtful) return;
@@ -205,14 +205,14 @@ Findings Wire::findings() const {
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });
   if (cut_ > 0)
     findings.remarks.push_back(
-        fmt::format("{} datagrams were captured in part: no loss is counted across them", cut_));
+        fmt::format("{} datagrams were captured only in part: losses across them are not counted", cut_));
   if (left_out_ > 0)
-    findings.remarks.push_back(fmt::format("{} messages came from more than {} writers and are not counted",
-                                           left_out_, most_writers));
+    findings.remarks.push_back(
+        fmt::format("{} messages are not counted: there are more than {} writers", left_out_, most_writers));
   if (std::ranges::any_of(findings.flows, [](const auto& flow) { return flow.topic.empty(); }))
     findings.remarks.emplace_back(
-        "a writer's topic is known only when its discovery is captured: start the capture before the nodes, "
-        "or judge in the processes");
+        "some writers have no topic name, because their discovery was not captured. Start the capture before "
+        "the nodes, or judge in the processes");
   return findings;
 }
 

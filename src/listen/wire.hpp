@@ -25,17 +25,17 @@ class Wire {
   explicit Wire(const Limits& limits) : limits_(limits) {}
   // at_ns: CLOCK_REALTIME of the capture. In order of capture.
   void add(std::int64_t at_ns, const Datagram&);
-  // One message, however it came.
+  // One message, of any source.
   void add(std::int64_t at_ns, const Datagram&, const rtps::Data&);
   void name_topic(const rtps::Guid& writer, const std::string& dds_topic);
-  // Packets were lost before the next one: no loss and no period is concluded across it.
+  // Packets before the next one are missing: no loss and no period is counted across the gap.
   void interrupt();
   Findings findings() const;
   void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
   std::vector<Miss> take_misses() { return misses_.take(); }
 
  private:
-  struct Partial {  // a message of which not all fragments were seen
+  struct Partial {  // a message with missing fragments
     std::uint64_t sequence = 0;
     std::vector<bool> seen;
     std::uint32_t count = 0;
@@ -44,12 +44,12 @@ class Wire {
   struct Stream {                                                   // a writer
     std::uint64_t id = 0;
     Rows rows;
-    std::uint64_t decided = 0;  // of lower numbers it is known whether they were lost
+    std::uint64_t decided = 0;  // the losses of lower numbers are decided
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;
     Sequence sequence;
-    std::uint64_t last_seen = 0;  // the greatest number of a message that was there itself
+    std::uint64_t last_seen = 0;  // the largest number of a message that arrived
     std::map<Way, Sequence> ways;
     std::string source;
     Distribution period, age;

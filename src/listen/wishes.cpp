@@ -48,8 +48,8 @@ Wishes cyclonedds_wishes(const probes_bpf& probes) {
       {"dds_waitset_wait"}};
 }
 
-// The library's own code tells where a writer and a reader have their topic, and how large an entity is: of a
-// topic, what follows that is its description, which has its name behind a table of functions.
+// The library's code tells where writer and reader store their topic, and the size of an entity. In a topic,
+// the description follows the entity, and has the name behind its table of virtual functions.
 std::optional<Wishes> fastdds_wishes(const probes_bpf& probes, const std::string& path) {
   const auto& programs = probes.progs;
   const std::string scope = "8eprosima7fastdds3dds", writer = "_ZN" + scope + "14DataWriterImpl",
@@ -75,7 +75,7 @@ std::optional<Wishes> fastdds_wishes(const probes_bpf& probes, const std::string
       of_writer |= way(*written, *entity + sizeof(void*));
       of_reader |= way(*read, sizeof(void*));
     }
-  } catch (const Error&) {  // said where probes are set
+  } catch (const Error&) {  // reported where probes are set
   }
   const auto write = [&](const std::string& function) {
     return Wish{.function = writer + function, .on_call = programs.publish, .cookie = of_writer};

@@ -14,8 +14,8 @@ struct probes_bpf;
 
 namespace ontime::listen {
 
-// A function to be probed: which program at its calls and which at its return (nullptr: none), which of its
-// arguments they need (none: the function has no such), and what else its cookie says.
+// A function to probe: the BPF programs at its call and at its return (nullptr: none), the positions of the
+// arguments that they need (none: it has no such argument), and further bits of the cookie.
 struct Wish {
   static constexpr std::size_t none = SIZE_MAX;
   std::string function;
@@ -35,7 +35,7 @@ struct Wishes {
 Wishes rcl_wishes();
 Wishes rmw_wishes(const probes_bpf&);
 Wishes cyclonedds_wishes(const probes_bpf&);
-// Of the library's file. Nothing: it is no Fast DDS 2. One that cannot be read is taken for one.
+// By the library's file. Empty: not Fast DDS 2. An unreadable file counts as Fast DDS 2.
 std::optional<Wishes> fastdds_wishes(const probes_bpf&, const std::string& path);
 
 }  // namespace ontime::listen
