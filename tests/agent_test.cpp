@@ -281,8 +281,8 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
   };
   EXPECT_EQ(refusal(292), "");
   EXPECT_THAT(refusal(291),
-              ::testing::AllOf(::testing::HasSubstr("takes 192 MiB"), ::testing::HasSubstr("291 MiB free"),
-                               ::testing::HasSubstr("100 MiB stay free")));
+              ::testing::AllOf(::testing::HasSubstr("192 MiB"), ::testing::HasSubstr("291 MiB free"),
+                               ::testing::HasSubstr("100 MiB")));
   std::istringstream large(fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 32U << 20U, 448 << 10));
   EXPECT_EQ(lacks_memory(large), "") << "the reserve is 256 MiB at most";
   std::istringstream unknown("nothing");
@@ -291,12 +291,14 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
 
 TEST_F(Agent, SaysWhyItCannot) {
   auto task = task_of(transport::Role::client, some_domain());
-  EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("3 no pong was found over udp"), HasSubstr("refuses")));
+  EXPECT_THAT(failure(task),
+              testing::AllOf(HasSubstr("3 no server (pong)"), HasSubstr("over udp"), HasSubstr("refuses")));
   task.transport = "telepathy";
   EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("no transport 'telepathy'"), HasSubstr("udp")));
   task.transport = "udp";
   task.config.interface = "nonet0";
-  EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("2 there is no interface 'nonet0'"), HasSubstr("lo")));
+  EXPECT_THAT(failure(task),
+              testing::AllOf(HasSubstr("2 "), HasSubstr("no interface 'nonet0'"), HasSubstr("lo")));
   task.config.interface = "lo";
   task.config.max_payload_bytes = 70'000;
   EXPECT_THAT(failure(task), HasSubstr("2 transport udp carries at most"));
@@ -315,7 +317,7 @@ TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
       continue;
     task.transport = name;
     EXPECT_THAT(failure(task),
-                HasSubstr(std::string("2 transport ") + name + " writes to no socket of ontime's"));
+                testing::AllOf(HasSubstr(std::string("2 transport ") + name), HasSubstr("launch-time")));
     ++refused;
   }
   if (refused == 0) GTEST_SKIP() << "there are udp and ethernet alone";
@@ -333,16 +335,16 @@ TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
     ask_for_more(more);
     return failure(more);
   };
-  const auto refused = [](const char* why) { return HasSubstr(std::string("2 transport modest ") + why); };
+  const auto refused = [](const char* why) {
+    return testing::AllOf(HasSubstr("2 transport modest "), HasSubstr(why));
+  };
   EXPECT_THAT(refusal_with([](Task& more) { more.config.receive = transport::Receive::waitset; }),
-              refused("cannot receive by waitset"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }),
-              refused("carries at most 500"));
+              refused("receive: waitset"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }), refused("at most 500"));
   EXPECT_THAT(refusal_with([](Task& more) { more.config.security.emplace().level = "sign"; }),
-              refused("has no DDS Security"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("writes to no socket"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }),
-              refused("has no topics to name"));
+              refused("security: sign"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("launch-time"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }), refused("/arm/pong"));
   EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
               refused("has no neighbours"));
 }

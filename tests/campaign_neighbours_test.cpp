@@ -143,16 +143,16 @@ std::vector<std::string> told(const json& sender, const json& receiver) {
 TEST(NeighboursAccount, SaysThatTheyOverranTheirPeriod) {
   EXPECT_TRUE(there(end_of(94, 0, 6), end_of(0, 94)).at("short"));
   EXPECT_THAT(told(end_of(94, 0, 6), end_of(0, 94)),
-              ElementsAre(AllOf(HasSubstr("of 100 messages to the component 94 arrived"),
-                                HasSubstr("6 were not sent"), Not(HasSubstr("did not arrive")))));
+              ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 not sent"),
+                                Not(HasSubstr("lost")))));
   EXPECT_FALSE(there(end_of(95, 0, 5), end_of(0, 95)).at("short"));
 }
 
 TEST(NeighboursAccount, SaysThatTheyDidNotArrive) {
   EXPECT_TRUE(there(end_of(100, 0), end_of(0, 94)).at("short"));
   EXPECT_THAT(told(end_of(100, 0), end_of(0, 94)),
-              ElementsAre(AllOf(HasSubstr("of 100 messages to the component 94 arrived"),
-                                HasSubstr("6 were sent and did not arrive"), Not(HasSubstr("not sent")))));
+              ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 lost"),
+                                Not(HasSubstr("not sent")))));
   EXPECT_FALSE(there(end_of(100, 0), end_of(0, 95)).at("short"));
   EXPECT_TRUE(there(end_of(97, 0, 3), end_of(0, 94)).at("short")) << "some of both";
 }
@@ -160,7 +160,7 @@ TEST(NeighboursAccount, SaysThatTheyDidNotArrive) {
 TEST(NeighboursAccount, SaysThatTheirCallbacksOverranTheirPeriod) {
   EXPECT_TRUE(there(end_of(60, 0), end_of(0, 60, 0, 4)).at("short")) << "more than 5 % of 60";
   EXPECT_THAT(told(end_of(60, 0), end_of(0, 60, 0, 4)),
-              ElementsAre(HasSubstr("60 arrived, of which 4 had a callback that took longer than its turn")));
+              ElementsAre(AllOf(HasSubstr("60 of 60"), HasSubstr("4 with a callback"))));
   EXPECT_FALSE(there(end_of(60, 0), end_of(0, 60, 0, 3)).at("short"));
 }
 

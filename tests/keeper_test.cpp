@@ -111,7 +111,7 @@ TEST_F(Keeper, GoesOnWhereALoadCannotBeHad) {
     return ask("load", "loaded",
                {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = workers})}});
   };
-  EXPECT_THAT(load(-1).value("error", ""), HasSubstr("make no load"));
+  EXPECT_THAT(load(-1).value("error", ""), HasSubstr("-1 cpu"));
   EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
   EXPECT_EQ(folders_of_stress(), 0);
   EXPECT_FALSE(load(1).contains("error"));

@@ -161,7 +161,7 @@ TEST_F(CoordinatorTest, NoEventIsThrownAway) {
   hand.order("say", {{"what", "x"}});
   hand.order("answer");
   EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
-              HasSubstr("the worker said 'said'"));
+              AllOf(HasSubstr("the worker"), HasSubstr("'said'")));
 }
 
 // Another's end broke the wait; who is well owes an answer still, and gives it.
@@ -179,7 +179,7 @@ TEST_F(CoordinatorTest, AnAnswerThatIsNoLongerAwaitedIsNotHeldAgainstWhoGivesIt)
                 well.order("answer");
                 coordinator_.until([] { return false; });
               }),
-              HasSubstr("'answered', which was not asked"));
+              AllOf(HasSubstr("unexpected"), HasSubstr("'answered'")));
 }
 
 TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
@@ -190,7 +190,7 @@ TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
   second.order("say", {{"what", "x"}});
   second.order("answer");
   EXPECT_THAT(failure([&] { coordinator_.await(second, "answered", 10s); }),
-              HasSubstr("the second said 'said', which was not asked"));
+              AllOf(HasSubstr("the second"), HasSubstr("'said'")));
   EXPECT_EQ(said, 0);
 }
 
@@ -199,8 +199,7 @@ TEST_F(CoordinatorTest, MalformedEventNamesItsWorker) {
   hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
   hand.order("say", {{"what", 7}});
   EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
-              AllOf(HasSubstr("3 the worker said what this ontime does not understand"),
-                    HasSubstr("type must be string")));
+              AllOf(HasSubstr("3 the worker"), HasSubstr("type must be string")));
   EXPECT_TRUE(hand.lost());
 }
 
@@ -233,12 +232,12 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"false"}, "s"); }),
               HasSubstr("exit code 1"));
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"yes"}, "s"); }),
-              HasSubstr("does not speak ontime's orders; it said: y"));
+              AllOf(HasSubstr("3 the worker"), testing::EndsWith(": y")));
 }
 
 TEST_F(CoordinatorTest, AWorkerOfAnotherBuildIsRefused) {
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", worker("obedient"), "other"); }),
-              AllOf(HasSubstr("of another build"), HasSubstr("install the same on both machines")));
+              AllOf(HasSubstr("another build"), HasSubstr("install the same")));
 }
 
 TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
@@ -246,7 +245,7 @@ TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
       well(coordinator_, "the other", worker("obedient"), "s");
   kill(pid_of(stuck), SIGSTOP);
   EXPECT_THAT(failure([&] { coordinator_.until([] { return false; }); }),
-              AllOf(HasSubstr("3 the stuck one was silent for 10 s")));
+              AllOf(HasSubstr("3 the stuck one"), HasSubstr("10 s")));
   EXPECT_TRUE(stuck.lost());
   well.order("answer");
   coordinator_.await(well, "answered", 10s);  // the loop goes on without it
@@ -365,9 +364,8 @@ TEST(Worker, LeavesACoordinatorThatIsSilent) {
   } catch (const Broken&) {  // it has left
   }
   EXPECT_EQ(last.at("event"), "failed");
-  EXPECT_THAT(last.at("message").get<std::string>(),
-              HasSubstr("the coordinator (the ontime that was started by hand)"));
-  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("silent for 10 s"));
+  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("the coordinator"));
+  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("10 s"));
 }
 
 TEST(Signals, ThatWereIgnoredStayIgnored) {

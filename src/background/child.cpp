@@ -186,7 +186,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
   const auto started = start(command, output.fd());
   if (started.pid < 0) {
     if (started.error == ENOENT)
-      throw Error(fmt::format("there is no {}: install it (sudo apt install {})", command.front(), package));
+      throw Error(fmt::format("{} is not installed. Fix: sudo apt install {}", command.front(), package));
     throw Error(fmt::format("{} cannot be started: {}", command.front(),
                             std::generic_category().message(started.error)));
   }
@@ -200,7 +200,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
       limit);
   if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
   const bool ended = info.si_pid == started.pid;
-  throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end",
+  throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "timed out",
                           output.text().substr(0, 2000)));
 }
 

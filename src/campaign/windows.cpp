@@ -69,7 +69,7 @@ void Windows::order() {
   for (const auto& host : machines_.traced(component_)) {
     const bool by_its_own_clock = host != "controller";
     const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;
-    if (!difference_ns) continue;  // nothing was answered yet: who could say when it was there?
+    if (!difference_ns) continue;  // nothing was answered yet: the clock difference is unknown
     std::vector<trace::Span> spans;
     spans.reserve(wanted_.size());
     for (const auto& [message, span] : wanted_)
