@@ -53,7 +53,7 @@ class Pipe {
   std::array<int, 2> ends_{-1, -1};
 };
 
-// Not within a container, say, which may have neither the command for it nor the user.
+// A container, for example, may have neither setpriv nor the user nobody.
 bool can_be_nobody(const std::vector<std::string>& place) { return place.empty() || place.front() == "ip"; }
 
 std::vector<std::string> command_for(const Stream& stream) {

@@ -46,7 +46,7 @@ bool is_there(const std::string& netns) {
   return netns.empty() || std::filesystem::exists("/run/netns/" + netns, ignored);
 }
 
-// In the network namespace; and what went wrong there is the journal's to tell.
+// Runs the job in the network namespace; its errors become journal errors.
 template <class Job>
 void inside(const std::string& netns, Job job) {
   try {
@@ -106,8 +106,8 @@ bool accepts_qdisc(const std::string& what) {
          (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
 }
 
-// By the name that it has now, in the network namespace of the caller; nothing: it is gone, and its
-// discipline with it, as where it was moved.
+// Its name now, in the caller's network namespace; nothing: the interface, and its qdisc, are gone, or it was
+// moved to another namespace.
 std::optional<std::string> name_now(const std::string& interface) {
   if (!is_numbered_interface(interface)) return interface;
   std::array<char, IF_NAMESIZE> name{};

@@ -245,7 +245,7 @@ json differences(const json& one, const json& other) {
     if (one.value(key, json()) != value) different[key] = value;
   for (const auto& [key, value] : one.items())
     if (!other.contains(key)) different[key] = "none";
-  different.erase("beside");  // words for what is here
+  different.erase("beside");  // a text about the same conditions
   return different;
 }
 

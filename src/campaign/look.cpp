@@ -79,7 +79,7 @@ std::map<std::string, settings::Link> Look::links() const {
   std::map<std::string, settings::Link> links;
   const auto& hosts = parts_->machines.hosts();
   if (hosts.kind == Hosts::Kind::loopback || parts_->is_virtual()) return links;
-  const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ours is the namespace
+  const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ontime created the namespace
   for (const auto& [host, looked] : parts_->machines.look({}))
     links[host] = {looked.at("interface"), is_stated ? looked.at("network_namespace") : ""};
   return links;

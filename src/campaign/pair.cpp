@@ -140,7 +140,8 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
   if (authority_ != nullptr && run_.security != security::Level::off)  // it may be another component's
     task.config.security = authority_->identity(end.role, run_.security, task.config.domain);
   if (asks && !beside) listen_to(*end.agent);
-  if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
+  if (!run_.isolation.cpus.empty() &&
+      !beside) {  // before the agent has threads, which it may tie to these CPUs
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
   end.opened = ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});

@@ -167,7 +167,7 @@ std::vector<json> Session::outcomes() {
     const auto& run = pair->run();
     const auto whose = is_named(run) ? run.component + ": " : "";
     auto outcome = pair->outcome(account);
-    outcome["interrupted"] = stopped_;  // later, it was whole
+    outcome["interrupted"] = stopped_;  // an interruption after the end of the run does not count
     if (run.traffic.bits_per_s > 0) {
       outcome["traffic"] = achieved(run.traffic, account.traffic.at(run.component));
       for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(whose + text);
@@ -198,8 +198,8 @@ std::vector<json> Session::salvage() noexcept {
       stopped_ = true;
       finish(longest_timeout() + 5s);
     }
-  } catch (const std::exception&) {       // what went wrong first is what is told
-  } catch (const orders::Interrupted&) {  // in a hurry
+  } catch (const std::exception&) {       // the first error is the one to report
+  } catch (const orders::Interrupted&) {  // a second interruption: leave at once
   }
   std::vector<json> counted;
   for (const auto& pair : pairs_) counted.push_back(pair->finished().value_or(json::object()));

@@ -43,7 +43,7 @@ void Windows::add(std::span<const Sample> samples) {
 }
 
 void Windows::choose(const Sample& sample) {
-  forget(sample.index);  // given up as lost, it was answered after all
+  forget(sample.index);  // recorded as lost, it was answered later
   const Chosen candidate{badness_of(sample), sample.index};
   const bool kept_waiting = sample.fate == Fate::on_time && candidate.badness_ns > deadline_.count();
   const auto fate = static_cast<std::size_t>(kept_waiting ? Fate::late : sample.fate);

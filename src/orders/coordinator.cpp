@@ -80,7 +80,7 @@ Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wa
         if (!hear(frame->message))
           for (const auto& note : frame->message.value("notes", std::vector<std::string>()))
             notes.push_back(note);
-    } catch (const std::exception&) {  // what it says is not understood
+    } catch (const std::exception&) {  // it sends something invalid
       more = false;
     }
     if (Clock::now() - heard > longest_silence) {
@@ -250,7 +250,7 @@ void Coordinator::until(const std::function<bool()>& done, int tolerated) {
 void Coordinator::drain() noexcept {
   for (auto* hand : std::vector(hands_)) try {
       listen(*hand);
-    } catch (const std::exception&) {  // it is known already that something is wrong
+    } catch (const std::exception&) {  // another error is already being reported
     }
 }
 
@@ -259,7 +259,7 @@ void Coordinator::beat() {
   while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
     for (auto* hand : hands_) try {
         hand->process_->frames().send({{"order", "beat"}});
-      } catch (const Broken&) {  // the loop will find so
+      } catch (const Broken&) {  // the loop notices it too
       }
   }
 }
