@@ -27,7 +27,7 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 using testing::HasSubstr;
 
-TEST(Task, SurvivesItsJourney) {
+TEST(Task, IsUnchangedAfterJson) {
   Task task;
   task.transport = "udp";
   task.config.role = transport::Role::server;
@@ -160,7 +160,7 @@ TEST_F(TwoAgents, MeasureByOrders) {
   EXPECT_GE(answered(), counters.on_time);
 }
 
-TEST_F(TwoAgents, ToldOfTheEndAreAllAnswersThatWereNoted) {
+TEST_F(TwoAgents, AllNotedAnswersComeBeforeEnded) {
   const auto task = task_of(transport::Role::client, some_domain());
   ask(server_, "open", "opened", {{"task", to_json(task_of(transport::Role::server, task.config.domain))}});
   ask(client_, "open", "opened", {{"task", to_json(task)}});
@@ -175,7 +175,7 @@ TEST_F(TwoAgents, ToldOfTheEndAreAllAnswersThatWereNoted) {
 }
 
 // Who goes by ssh to a machine of which nothing else is known may take the link under test.
-TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
+TEST_F(TwoAgents, SamplesWaitIfSshMayUseTheLinkUnderTest) {
   auto task = task_of(transport::Role::client, some_domain());
   task.client.duration = 5s;
   EXPECT_TRUE(ready(task, {{"ssh", true}}).at("ssh_link").at("shared"));
@@ -200,7 +200,7 @@ std::set<std::string> reservations(const json& pid) {
   return found;
 }
 
-TEST_F(TwoAgents, NoHeapOfAThreadIsMadeInTheCountedRun) {
+TEST_F(TwoAgents, NoHeapArenaIsCreatedDuringTheRun) {
   auto task = task_of(transport::Role::client, some_domain());
   task.client.duration = orders::beat_period + 1500ms;  // so that heartbeats and samples fall into it
   ready(task);
@@ -272,7 +272,7 @@ TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
   }
 }
 
-TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
+TEST(Memory, EndIsRefusedIfLockedPagesExceedTheReserve) {
   const auto refusal = [](int available_mib) {
     std::istringstream meminfo(
         fmt::format("MemTotal: {} kB\nMemFree: 1 kB\nMemAvailable: {} kB\nBuffers: 1 kB\n", 2000 * 1024,
@@ -289,7 +289,7 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
   EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nothing";
 }
 
-TEST_F(Agent, SaysWhyItCannot) {
+TEST_F(Agent, UnusableTaskIsRefusedWithReason) {
   auto task = task_of(transport::Role::client, some_domain());
   EXPECT_THAT(failure(task),
               testing::AllOf(HasSubstr("3 no server (pong)"), HasSubstr("over udp"), HasSubstr("refuses")));
@@ -308,7 +308,7 @@ TEST_F(Agent, SaysWhyItCannot) {
               testing::AllOf(HasSubstr("2 transport udp has no option 'colour'"), HasSubstr("port")));
 }
 
-TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
+TEST_F(Agent, LaunchTimeIsRefusedWithoutOwnSocket) {
   auto task = task_of(transport::Role::server, some_domain());
   task.config.launch_ns = 1'000'000;
   int refused = 0;
@@ -324,7 +324,7 @@ TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
 }
 
 // By what a transport declares, whatever its name.
-TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
+TEST_F(Agent, UndeclaredCapabilityIsRefused) {
   Task task;
   task.transport = "modest";
   task.config.role = transport::Role::server;
@@ -349,7 +349,7 @@ TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
               refused("has no neighbours"));
 }
 
-TEST_F(Agent, SaysThatAPortIsBusy) {
+TEST_F(Agent, BusyPortIsReported) {
   const auto task = task_of(transport::Role::server, some_domain());
   Hand first(coordinator_, "the first", command(), sample_layout());
   ask(first, "open", "opened", {{"task", to_json(task)}});

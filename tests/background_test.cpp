@@ -159,7 +159,7 @@ TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
 }
 
-TEST_F(Load, SaysWhenItHasEndedByItself) {
+TEST_F(Load, EndedLoadIsNotRunning) {
   const auto running = stress({1}, directory_);
   const pid_t leader = stress_of(getpid());
   ASSERT_GT(leader, 0);
@@ -252,7 +252,7 @@ TEST_F(Load, LeavesNoDescriptorOpen) {
   EXPECT_EQ(open_files(), before);
 }
 
-TEST_F(Load, SaysWhatStressNgSaid) {
+TEST_F(Load, ErrorQuotesOutputOfStressNg) {
   EXPECT_THAT(error_of({1}, directory_ + "/missing"), HasSubstr("missing"));
   EXPECT_THAT(error_of({0, 1, 0, 0, 1, 0}, directory_),
               AllOf(HasSubstr("stress-ng --temp-path"), HasSubstr("ended at once"), HasSubstr("vm-bytes")));
@@ -324,7 +324,7 @@ TEST(LoadsRoom, DefaultsAreThoseOfThePaper) {
   EXPECT_EQ(room.disk_bytes, (8192 - 2048) * mebibyte);
 }
 
-TEST(LoadsRoom, DefaultsAreScaledAndSaidWhereThereIsLess) {
+TEST(LoadsRoom, DefaultsAreReducedAndReportedIfRoomIsSmall) {
   Room room{300 * mebibyte, 900 * mebibyte, false};
   const auto fitted = fit({.vm = 4, .hdd = 3}, room);
   EXPECT_EQ(fitted.workers.vm_bytes, 75 * mebibyte);
@@ -355,7 +355,7 @@ TEST(LoadsRoom, StatedSizesThatHaveNoRoomAreRefused) {
 }
 
 // A process in a frozen group of version 1 is not even killed, as one in an uninterruptible call is not.
-TEST_F(Load, ThatCannotBeKilledDoesNotHoldUpItsEndForEver) {
+TEST_F(Load, UnkillableLoadDoesNotBlockItsEnd) {
   const fs::path freezer = "/sys/fs/cgroup/freezer/ontime-load-test";
   std::error_code none;
   if (geteuid() != 0 || !fs::create_directory(freezer, none)) GTEST_SKIP() << "needs root and a freezer";
@@ -407,7 +407,7 @@ TEST(Iperf, IntervalsOfBothEndsAreRead) {
   EXPECT_EQ(nothing->bits, 0);
 }
 
-TEST(Iperf, SumsAndOtherLinesAreNoIntervals) {
+TEST(Iperf, SumsAndOtherLinesAreIgnored) {
   for (const auto* line :
        {"", "Server listening on 5201 (test #1)",
         "[ ID] Interval           Transfer     Bitrate         Total Datagrams",
@@ -445,7 +445,7 @@ class Iperf3 : public ::testing::Test {
   }
 };
 
-TEST_F(Iperf3, BothEndsSayWhatWentBy) {
+TEST_F(Iperf3, BothEndsReportTheRate) {
   for (const bool receives : {false, true}) {
     const auto server = traffic(serving(7801));
     const auto client = traffic(asking(7801, receives));
@@ -489,7 +489,7 @@ TEST_F(Iperf3, OfRootRunsAsNobodyWithoutPrivileges) {
   }
 }
 
-TEST_F(Iperf3, WhoServesIsGoneWithWhoAsked) {
+TEST_F(Iperf3, ServerEndsWithItsClient) {
   const auto server = traffic(serving(7802));
   { const auto client = traffic(asking(7802, false)); }
   for (int look = 0; look < 1000 && server->running(); ++look) std::this_thread::sleep_for(10ms);
@@ -504,7 +504,7 @@ TEST_F(Iperf3, ForeignClientGetsAtMostTwiceTheRate) {
   EXPECT_THAT(error_of(greedy), HasSubstr("ended at once"));
 }
 
-TEST_F(Iperf3, SaysWhatItSaid) {
+TEST_F(Iperf3, ErrorQuotesOutputOfIperf3) {
   EXPECT_THAT(error_of(asking(7803, false)), AllOf(HasSubstr("ended at once"), HasSubstr("refused")));
   const auto server = traffic(serving(7803));
   EXPECT_THAT(error_of(serving(7803)), HasSubstr("in use"));
@@ -541,7 +541,7 @@ TEST(Stat, CutTextIsRefused) {
     EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
 }
 
-TEST(OutputOf, WhatDoesNotEndSaysSo) {
+TEST(OutputOf, EndlessCommandTimesOut) {
   try {
     output_of({"sleep", "60"}, "coreutils", 10ms);
     FAIL() << "it ended";

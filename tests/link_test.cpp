@@ -28,7 +28,7 @@ json outcome(json controller, json component = nullptr) {
 
 std::string found(const json& outcome) { return went_elsewhere(outcome, 500).value_or("nothing"); }
 
-TEST(Link, ThatCarriedAllIsTheOne) {
+TEST(Link, LinkThatCarriedAllMessagesPasses) {
   EXPECT_EQ(found(outcome(host(60'000, 60'000), host(60'000, 60'000))), "nothing");
   EXPECT_EQ(found(outcome(host(60'000, 60'000))), "nothing");
   constexpr auto least = 99 * (500 + 30);
@@ -36,7 +36,7 @@ TEST(Link, ThatCarriedAllIsTheOne) {
       << "what was lost need not have come, nor have left: a link that is down takes nothing";
 }
 
-TEST(Link, ThatCarriedTooLittleIsNamed) {
+TEST(Link, LinkThatCarriedTooLittleIsNamed) {
   EXPECT_THAT(found(outcome(host(52'469, 60'000))),
               AllOf(HasSubstr("did not go over eth1"), HasSubstr("99 messages of 500 bytes were answered"),
                     HasSubstr("52469 bytes sent there by the controller")));
@@ -47,13 +47,13 @@ TEST(Link, ThatCarriedTooLittleIsNamed) {
               HasSubstr("shared memory (fastrtps_port7411)"));
 }
 
-TEST(Link, ThatCarriedNoMessageIsNamedThoughTheyHaveNoPayload) {
+TEST(Link, LinkWithoutMessagesIsNamedEvenWithoutPayload) {
   const auto without_payload = [](const json& of) { return went_elsewhere(of, 0).value_or("nothing"); };
   EXPECT_THAT(without_payload(outcome(host(0, 0))), HasSubstr("did not go over eth1"));
   EXPECT_EQ(without_payload(outcome(host(99 * 30, 99 * 30))), "nothing");
 }
 
-TEST(Link, CarriedTheNeighboursToo) {
+TEST(Link, BackgroundTopicsCountTowardsTheLink) {
   auto controller = host(63'000, 63'000), component = host(63'000, 63'000);
   controller["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
   component["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
@@ -63,7 +63,7 @@ TEST(Link, CarriedTheNeighboursToo) {
               AllOf(HasSubstr("11330 bytes of background topics"), HasSubstr("by the component")));
 }
 
-TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
+TEST(Link, RestartedEndCountsItsOwnAnswers) {
   auto again = host(40 * 530, 40 * 530);
   again["started_again"] = true;
   again["answered"] = 40;
@@ -97,7 +97,7 @@ TEST(Link, LaunchTimesThatWereNotAppliedFailTheRun) {
   EXPECT_THAT(found(), HasSubstr("the component sent 90"));
 }
 
-TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
+TEST(Link, AnswersOfAnotherProgramFailTheRun) {
   auto component = host(60'000, 60'000);
   const auto with = [&](std::uint64_t answered) {
     component["answered"] = answered;
@@ -111,7 +111,7 @@ TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
 }
 
 // Other traffic on the link may make up for what is missing.
-TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
+TEST(Link, SharedMemoryAtBothEndsOfOneMachineFailsTheRun) {
   const std::vector<std::string> segments{"fastrtps_port7411"};
   const auto busy = host(9'000'000, 9'000'000, segments);
   EXPECT_THAT(found(outcome(busy, busy)),
@@ -120,7 +120,7 @@ TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
   EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000, segments, "another"))), "nothing");
 }
 
-TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
+TEST(Link, TrafficIsLeftOutOfTheCheck) {
   auto busy = host(9'000'000, 9'000'000);
   auto with = outcome(busy, busy);
   const std::set<std::string> both{"controller", "component"};
@@ -135,7 +135,7 @@ TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
   EXPECT_FALSE(unproved(outcome(busy, busy), {}));
 }
 
-TEST(Link, ThatCarriesAnothersTrafficProvesNothingWhereThatIsNotLeftOut) {
+TEST(Link, TrafficOfAnotherComponentThatIsCountedVerifiesNothing) {
   auto counted = host(9'000'000, 9'000'000), not_counted = counted;
   counted["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
   EXPECT_FALSE(unproved(outcome(counted, not_counted), {"controller"})) << "the component's has none";
@@ -143,7 +143,7 @@ TEST(Link, ThatCarriesAnothersTrafficProvesNothingWhereThatIsNotLeftOut) {
               HasSubstr("the component cannot count them"));
 }
 
-TEST(Link, WhoseCountersAreGoneProvesNothing) {
+TEST(Link, LostCountersVerifyNothing) {
   auto gone = host(60'000, 60'000);
   gone["link"]["gone"] = "another process removed the rules";
   EXPECT_THAT(unproved(outcome(gone, gone), {}).value_or(""),

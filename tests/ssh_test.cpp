@@ -69,7 +69,7 @@ TEST(Ssh, WithoutATemporaryFolderNothingIsMade) {
   setenv("TMPDIR", before.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
 }
 
-TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {
+TEST(Ssh, FolderIsPrivateAndRemovedWithTheConnection) {
   std::string folder;
   {
     const Ssh ssh("robot");
@@ -79,7 +79,7 @@ TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {
   EXPECT_FALSE(std::filesystem::exists(folder));
 }
 
-TEST(Ssh, EachFailureHasItsWordsAndWhatToDo) {
+TEST(Ssh, EachFailureNamesHostAndFix) {
   const auto reason = [](int code, const std::string& said = "") {
     return reason_of("me@robot", "ontime", code, said);
   };
@@ -107,7 +107,7 @@ TEST(Ssh, EachFailureHasItsWordsAndWhatToDo) {
   EXPECT_EQ(reason(3), "");
 }
 
-TEST(Ssh, TheLinkOfSshIsSaidOnlyWhereItIsOrMayBeTheOneUnderTest) {
+TEST(Ssh, LinkOfSshIsNotedOnlyIfItMayBeTheOneUnderTest) {
   EXPECT_EQ(note_of_ssh_link("component", nullptr), "");
   EXPECT_EQ(note_of_ssh_link("component", {{"interface", "eth0"}, {"shared", false}}), "");
   EXPECT_THAT(note_of_ssh_link("component", {{"interface", "eth1"}, {"shared", true}}), HasSubstr("eth1"));
@@ -115,7 +115,7 @@ TEST(Ssh, TheLinkOfSshIsSaidOnlyWhereItIsOrMayBeTheOneUnderTest) {
               HasSubstr("unknown"));
 }
 
-TEST(Deploy, NamesThePackagesOfLibrariesAndRunsNothingThatCameFromElsewhere) {
+TEST(Deploy, NamesPackagesOfLibrariesAndRunsNoForeignText) {
   EXPECT_THAT(packages_of({"libc.so.6", "libc.so.6"}), ElementsAre("libc6"));
   EXPECT_THAT(packages_of({"'; touch /tmp/x; '", "libnone.so.99"}), testing::IsEmpty());
 }
