@@ -27,7 +27,7 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 using testing::HasSubstr;
 
-TEST(Task, SurvivesItsJourney) {
+TEST(Task, IsUnchangedAfterJson) {
   Task task;
   task.transport = "udp";
   task.config.role = transport::Role::server;
@@ -160,7 +160,7 @@ TEST_F(TwoAgents, MeasureByOrders) {
   EXPECT_GE(answered(), counters.on_time);
 }
 
-TEST_F(TwoAgents, ToldOfTheEndAreAllAnswersThatWereNoted) {
+TEST_F(TwoAgents, AllNotedAnswersComeBeforeEnded) {
   const auto task = task_of(transport::Role::client, some_domain());
   ask(server_, "open", "opened", {{"task", to_json(task_of(transport::Role::server, task.config.domain))}});
   ask(client_, "open", "opened", {{"task", to_json(task)}});
@@ -175,7 +175,7 @@ TEST_F(TwoAgents, ToldOfTheEndAreAllAnswersThatWereNoted) {
 }
 
 // Who goes by ssh to a machine of which nothing else is known may take the link under test.
-TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
+TEST_F(TwoAgents, SamplesWaitIfSshMayUseTheLinkUnderTest) {
   auto task = task_of(transport::Role::client, some_domain());
   task.client.duration = 5s;
   EXPECT_TRUE(ready(task, {{"ssh", true}}).at("ssh_link").at("shared"));
@@ -200,7 +200,7 @@ std::set<std::string> reservations(const json& pid) {
   return found;
 }
 
-TEST_F(TwoAgents, NoHeapOfAThreadIsMadeInTheCountedRun) {
+TEST_F(TwoAgents, NoHeapArenaIsCreatedDuringTheRun) {
   auto task = task_of(transport::Role::client, some_domain());
   task.client.duration = orders::beat_period + 1500ms;  // so that heartbeats and samples fall into it
   ready(task);
@@ -272,7 +272,7 @@ TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
   }
 }
 
-TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
+TEST(Memory, EndIsRefusedIfLockedPagesExceedTheReserve) {
   const auto refusal = [](int available_mib) {
     std::istringstream meminfo(
         fmt::format("MemTotal: {} kB\nMemFree: 1 kB\nMemAvailable: {} kB\nBuffers: 1 kB\n", 2000 * 1024,
@@ -281,22 +281,24 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
   };
   EXPECT_EQ(refusal(292), "");
   EXPECT_THAT(refusal(291),
-              ::testing::AllOf(::testing::HasSubstr("takes 192 MiB"), ::testing::HasSubstr("291 MiB free"),
-                               ::testing::HasSubstr("100 MiB stay free")));
+              ::testing::AllOf(::testing::HasSubstr("192 MiB"), ::testing::HasSubstr("291 MiB free"),
+                               ::testing::HasSubstr("100 MiB")));
   std::istringstream large(fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 32U << 20U, 448 << 10));
   EXPECT_EQ(lacks_memory(large), "") << "the reserve is 256 MiB at most";
   std::istringstream unknown("nothing");
   EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nothing";
 }
 
-TEST_F(Agent, SaysWhyItCannot) {
+TEST_F(Agent, UnusableTaskIsRefusedWithReason) {
   auto task = task_of(transport::Role::client, some_domain());
-  EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("3 no pong was found over udp"), HasSubstr("refuses")));
+  EXPECT_THAT(failure(task),
+              testing::AllOf(HasSubstr("3 no server (pong)"), HasSubstr("over udp"), HasSubstr("refuses")));
   task.transport = "telepathy";
   EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("no transport 'telepathy'"), HasSubstr("udp")));
   task.transport = "udp";
   task.config.interface = "nonet0";
-  EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("2 there is no interface 'nonet0'"), HasSubstr("lo")));
+  EXPECT_THAT(failure(task),
+              testing::AllOf(HasSubstr("2 "), HasSubstr("no interface 'nonet0'"), HasSubstr("lo")));
   task.config.interface = "lo";
   task.config.max_payload_bytes = 70'000;
   EXPECT_THAT(failure(task), HasSubstr("2 transport udp carries at most"));
@@ -306,7 +308,7 @@ TEST_F(Agent, SaysWhyItCannot) {
               testing::AllOf(HasSubstr("2 transport udp has no option 'colour'"), HasSubstr("port")));
 }
 
-TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
+TEST_F(Agent, LaunchTimeIsRefusedWithoutOwnSocket) {
   auto task = task_of(transport::Role::server, some_domain());
   task.config.launch_ns = 1'000'000;
   int refused = 0;
@@ -315,14 +317,14 @@ TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
       continue;
     task.transport = name;
     EXPECT_THAT(failure(task),
-                HasSubstr(std::string("2 transport ") + name + " writes to no socket of ontime's"));
+                testing::AllOf(HasSubstr(std::string("2 transport ") + name), HasSubstr("launch-time")));
     ++refused;
   }
   if (refused == 0) GTEST_SKIP() << "there are udp and ethernet alone";
 }
 
 // By what a transport declares, whatever its name.
-TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
+TEST_F(Agent, UndeclaredCapabilityIsRefused) {
   Task task;
   task.transport = "modest";
   task.config.role = transport::Role::server;
@@ -333,21 +335,21 @@ TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
     ask_for_more(more);
     return failure(more);
   };
-  const auto refused = [](const char* why) { return HasSubstr(std::string("2 transport modest ") + why); };
+  const auto refused = [](const char* why) {
+    return testing::AllOf(HasSubstr("2 transport modest "), HasSubstr(why));
+  };
   EXPECT_THAT(refusal_with([](Task& more) { more.config.receive = transport::Receive::waitset; }),
-              refused("cannot receive by waitset"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }),
-              refused("carries at most 500"));
+              refused("receive: waitset"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }), refused("at most 500"));
   EXPECT_THAT(refusal_with([](Task& more) { more.config.security.emplace().level = "sign"; }),
-              refused("has no DDS Security"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("writes to no socket"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }),
-              refused("has no topics to name"));
+              refused("security: sign"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("launch-time"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }), refused("/arm/pong"));
   EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
               refused("has no neighbours"));
 }
 
-TEST_F(Agent, SaysThatAPortIsBusy) {
+TEST_F(Agent, BusyPortIsReported) {
   const auto task = task_of(transport::Role::server, some_domain());
   Hand first(coordinator_, "the first", command(), sample_layout());
   ask(first, "open", "opened", {{"task", to_json(task)}});

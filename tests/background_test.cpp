@@ -159,7 +159,7 @@ TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
 }
 
-TEST_F(Load, SaysWhenItHasEndedByItself) {
+TEST_F(Load, EndedLoadIsNotRunning) {
   const auto running = stress({1}, directory_);
   const pid_t leader = stress_of(getpid());
   ASSERT_GT(leader, 0);
@@ -252,7 +252,7 @@ TEST_F(Load, LeavesNoDescriptorOpen) {
   EXPECT_EQ(open_files(), before);
 }
 
-TEST_F(Load, SaysWhatStressNgSaid) {
+TEST_F(Load, ErrorQuotesOutputOfStressNg) {
   EXPECT_THAT(error_of({1}, directory_ + "/missing"), HasSubstr("missing"));
   EXPECT_THAT(error_of({0, 1, 0, 0, 1, 0}, directory_),
               AllOf(HasSubstr("stress-ng --temp-path"), HasSubstr("ended at once"), HasSubstr("vm-bytes")));
@@ -324,13 +324,13 @@ TEST(LoadsRoom, DefaultsAreThoseOfThePaper) {
   EXPECT_EQ(room.disk_bytes, (8192 - 2048) * mebibyte);
 }
 
-TEST(LoadsRoom, DefaultsAreScaledAndSaidWhereThereIsLess) {
+TEST(LoadsRoom, DefaultsAreReducedAndReportedIfRoomIsSmall) {
   Room room{300 * mebibyte, 900 * mebibyte, false};
   const auto fitted = fit({.vm = 4, .hdd = 3}, room);
   EXPECT_EQ(fitted.workers.vm_bytes, 75 * mebibyte);
   EXPECT_EQ(fitted.workers.hdd_bytes, 300 * mebibyte);
   EXPECT_THAT(fitted.scaled,
-              AllOf(HasSubstr("75 MiB in place of 256 MiB"), HasSubstr("300 MiB in place of")));
+              AllOf(HasSubstr("75 MiB"), HasSubstr("256 MiB"), HasSubstr("300 MiB"), HasSubstr("1024 MiB")));
 }
 
 TEST(LoadsRoom, StatedSizesThatHaveNoRoomAreRefused) {
@@ -355,7 +355,7 @@ TEST(LoadsRoom, StatedSizesThatHaveNoRoomAreRefused) {
 }
 
 // A process in a frozen group of version 1 is not even killed, as one in an uninterruptible call is not.
-TEST_F(Load, ThatCannotBeKilledDoesNotHoldUpItsEndForEver) {
+TEST_F(Load, UnkillableLoadDoesNotBlockItsEnd) {
   const fs::path freezer = "/sys/fs/cgroup/freezer/ontime-load-test";
   std::error_code none;
   if (geteuid() != 0 || !fs::create_directory(freezer, none)) GTEST_SKIP() << "needs root and a freezer";
@@ -373,9 +373,9 @@ TEST_F(Load, ThatCannotBeKilledDoesNotHoldUpItsEndForEver) {
 }
 
 TEST_F(Load, BadNumbersAreRefused) {
-  EXPECT_THAT(error_of({}, directory_), HasSubstr("without a worker"));
-  EXPECT_THAT(error_of({-1, 2}, directory_), HasSubstr("-1 workers"));
-  EXPECT_THAT(error_of({2, 0, 0, -3}, directory_), HasSubstr("--hdd"));
+  EXPECT_THAT(error_of({}, directory_), HasSubstr("no workers"));
+  EXPECT_THAT(error_of({-1, 2}, directory_), HasSubstr("-1 cpu"));
+  EXPECT_THAT(error_of({2, 0, 0, -3}, directory_), HasSubstr("-3 hdd"));
 }
 
 TEST_F(Load, SaysWhatToInstall) {
@@ -386,7 +386,7 @@ TEST_F(Load, SaysWhatToInstall) {
   const auto said = error_of({1}, directory_);
   setenv("PATH", before.c_str(), 1);
   // NOLINTEND(concurrency-mt-unsafe)
-  EXPECT_THAT(said, AllOf(HasSubstr("no stress-ng"), HasSubstr("apt install stress-ng")));
+  EXPECT_THAT(said, HasSubstr("apt install stress-ng"));
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
 }
 
@@ -407,7 +407,7 @@ TEST(Iperf, IntervalsOfBothEndsAreRead) {
   EXPECT_EQ(nothing->bits, 0);
 }
 
-TEST(Iperf, SumsAndOtherLinesAreNoIntervals) {
+TEST(Iperf, SumsAndOtherLinesAreIgnored) {
   for (const auto* line :
        {"", "Server listening on 5201 (test #1)",
         "[ ID] Interval           Transfer     Bitrate         Total Datagrams",
@@ -445,7 +445,7 @@ class Iperf3 : public ::testing::Test {
   }
 };
 
-TEST_F(Iperf3, BothEndsSayWhatWentBy) {
+TEST_F(Iperf3, BothEndsReportTheRate) {
   for (const bool receives : {false, true}) {
     const auto server = traffic(serving(7801));
     const auto client = traffic(asking(7801, receives));
@@ -489,7 +489,7 @@ TEST_F(Iperf3, OfRootRunsAsNobodyWithoutPrivileges) {
   }
 }
 
-TEST_F(Iperf3, WhoServesIsGoneWithWhoAsked) {
+TEST_F(Iperf3, ServerEndsWithItsClient) {
   const auto server = traffic(serving(7802));
   { const auto client = traffic(asking(7802, false)); }
   for (int look = 0; look < 1000 && server->running(); ++look) std::this_thread::sleep_for(10ms);
@@ -504,7 +504,7 @@ TEST_F(Iperf3, ForeignClientGetsAtMostTwiceTheRate) {
   EXPECT_THAT(error_of(greedy), HasSubstr("ended at once"));
 }
 
-TEST_F(Iperf3, SaysWhatItSaid) {
+TEST_F(Iperf3, ErrorQuotesOutputOfIperf3) {
   EXPECT_THAT(error_of(asking(7803, false)), AllOf(HasSubstr("ended at once"), HasSubstr("refused")));
   const auto server = traffic(serving(7803));
   EXPECT_THAT(error_of(serving(7803)), HasSubstr("in use"));
@@ -518,7 +518,7 @@ TEST_F(Iperf3, SaysWhatToInstall) {
   const auto alone = error_of(serving(7804));
   setenv("PATH", before.c_str(), 1);
   // NOLINTEND(concurrency-mt-unsafe)
-  EXPECT_THAT(alone, AllOf(HasSubstr("no iperf3"), HasSubstr("apt install iperf3")));
+  EXPECT_THAT(alone, HasSubstr("apt install iperf3"));
   auto elsewhere = serving(7804);
   elsewhere.place = {"env", "PATH=/nonexistent"};  // where the end lives, another program looks for it
   EXPECT_THAT(error_of(elsewhere), HasSubstr("apt install iperf3"));
@@ -541,12 +541,12 @@ TEST(Stat, CutTextIsRefused) {
     EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
 }
 
-TEST(OutputOf, WhatDoesNotEndSaysSo) {
+TEST(OutputOf, EndlessCommandTimesOut) {
   try {
     output_of({"sleep", "60"}, "coreutils", 10ms);
     FAIL() << "it ended";
   } catch (const Error& error) {
-    EXPECT_THAT(error.what(), HasSubstr("sleep 60 does not end"));
+    EXPECT_THAT(error.what(), AllOf(HasSubstr("sleep 60"), HasSubstr("timed out")));
   }
 }
 

@@ -40,7 +40,7 @@ TEST_F(ScenarioFile, AliasesDoNotMultiplyWithoutBound) {
   EXPECT_THAT(error(many + "]}\n"), HasSubstr("more than 100000 keys and values"));
 }
 
-TEST_F(ScenarioFile, HowLongItTakesDoesNotOverflow) {
+TEST_F(ScenarioFile, TotalTimeDoesNotOverflow) {
   const auto run = parse_scenario("x.yaml", "runs: [{id: a, transport: udp, duration: 1000 h}]\n", {}).at(0);
   EXPECT_NEAR(time_of(run).count(), 3.6e6, 10);
   auto scenario =
@@ -138,7 +138,7 @@ TEST_F(ScenarioFile, OnlyTextIsRead) {
   EXPECT_THAT(error(runs + "]\n"), testing::StartsWith(":2:1:")) << "nothing is left unread";
 }
 
-TEST_F(ScenarioFile, ATagIsRefusedForItWouldChangeNothing) {
+TEST_F(ScenarioFile, TagIsRefused) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: !!int 500 B}]\n"),
               HasSubstr(":1:41: the tag 'tag:yaml.org,2002:int'"));
   EXPECT_THAT(error("runs: !list [{id: a, transport: udp}]\n"), HasSubstr(":1:7: the tag '!list'"));

@@ -23,7 +23,7 @@ std::vector<std::string> names(const Hosts& hosts) {
   return names;
 }
 
-TEST_F(Components, IsOneWithoutAName) {
+TEST_F(Components, DefaultIsOneUnnamedComponent) {
   EXPECT_THAT(names(read(runs).hosts), ElementsAre("component"));
   const auto run = with_component(read(runs).runs[0], "component");
   EXPECT_FALSE(is_named(run));
@@ -31,13 +31,13 @@ TEST_F(Components, IsOneWithoutAName) {
   EXPECT_EQ(run.task.config.ping_topic, "/ping");
 }
 
-TEST_F(Components, OfNamespacesAreAListOfNames) {
+TEST_F(Components, NamespacesTakeAListOfNames) {
   const auto hosts = read("components: [left_arm, base2]\nhosts: namespaces" + runs).hosts;
   EXPECT_EQ(hosts.kind, Hosts::Kind::namespaces);
   EXPECT_THAT(names(hosts), ElementsAre("left_arm", "base2"));
 }
 
-TEST_F(Components, OfHostsThatAreStatedAreAMap) {
+TEST_F(Components, StatedHostsTakeAMapInFileOrder) {
   const auto hosts = read(
                          "hosts: {controller: {interface: eth1}}\n"
                          "components: {wheel: {ssh: w, address: 10.0.0.3}, arm: {address: 10.0.0.2}}" +
@@ -49,7 +49,7 @@ TEST_F(Components, OfHostsThatAreStatedAreAMap) {
   EXPECT_EQ(hosts.at("arm").address, "10.0.0.2");
 }
 
-TEST_F(Components, HaveTopicsAndAKeyOfTheirOwn) {
+TEST_F(Components, EachHasItsOwnTopicsAndKey) {
   const auto scenario = read(
       "components: [arm, base]\nruns: [{id: a, transport: fastdds, namespace: /robot, payload: [1 B, 2 "
       "B]}]\n");
@@ -65,7 +65,7 @@ TEST_F(Components, HaveTopicsAndAKeyOfTheirOwn) {
   EXPECT_EQ(by_address.task.config.ping_topic, "/ping") << "udp has no topics";
 }
 
-TEST_F(Components, AreRefusedInWords) {
+TEST_F(Components, InvalidNamesAndFormsAreRefusedWithTheirPlace) {
   const auto of = [this](const std::string& components) { return error("components: " + components + runs); };
   EXPECT_THAT(of("arm"), AllOf(HasSubstr(":1:13: components: a list of names"), HasSubstr("[arm, base]")));
   EXPECT_THAT(of("[]"), HasSubstr("1 to 32"));
@@ -86,7 +86,7 @@ TEST_F(Components, AreRefusedInWords) {
               HasSubstr(":1:9: hosts: component"));
 }
 
-TEST_F(Components, TakeWhatIsSaidOfAll) {
+TEST_F(Components, RunKeysApplyToAllComponents) {
   const auto with = [this](const std::string& keys) {
     return error("components: [arm, base]\nruns:\n  - {id: a, transport: udp, " + keys + "}\n");
   };
@@ -98,7 +98,7 @@ TEST_F(Components, TakeWhatIsSaidOfAll) {
 
 // --- conditions of their own ---
 
-TEST_F(Components, MayHaveConditionsOfTheirOwn) {
+TEST_F(Components, OwnKeysOverrideRunAndDefaults) {
   const auto scenario = read(
       "defaults:\n"
       "  transport: udp\n"
@@ -132,7 +132,7 @@ TEST_F(Components, MayHaveConditionsOfTheirOwn) {
   EXPECT_EQ(b[1].task.client.period, 10ms);
 }
 
-TEST_F(Components, OfWhichOneSettingIsSaidTakeItThoughOthersTakeNone) {
+TEST_F(Components, OwnRealtimeAppliesWhereTheRunHasNone) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: udp, realtime: off, arm: {realtime: {priority: 50}}}]\n");
@@ -141,7 +141,7 @@ TEST_F(Components, OfWhichOneSettingIsSaidTakeItThoughOthersTakeNone) {
   EXPECT_FALSE(all[1].task.realtime.on);
 }
 
-TEST_F(Components, SayWhatVariesForOthersBesideWhatVariesForThem) {
+TEST_F(Components, VariantNamesOwnListsAndBesideTheOthers) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: [udp, cyclonedds], payload: [1 B, 2 B], arm: {transport: udp, payload: 3 "
@@ -169,7 +169,7 @@ std::set<std::string> keys_of(const Scenario& scenario) {
   return keys;
 }
 
-TEST_F(Components, WithoutConditionsOfTheirOwnAreMeasuredBesideThoseOfOthers) {
+TEST_F(Components, ComponentWithoutOwnKeysHasOneKeyPerValueOfOthers) {
   const auto scenario =
       read("components: [arm, base]\nruns: [{id: a, transport: udp, arm: {period: [1 ms, 2 ms]}}]\n");
   const auto last = together(scenario.at(1), scenario.hosts);
@@ -182,7 +182,7 @@ TEST_F(Components, WithoutConditionsOfTheirOwnAreMeasuredBesideThoseOfOthers) {
   EXPECT_EQ(keys_of(scenario).size(), 4u);
 }
 
-TEST_F(Components, AreMeasuredUnderTheConditionsOfOthersToo) {
+TEST_F(Components, ConditionsOfOthersArePartOfTheKey) {
   const auto of = [this](const std::string& base, const std::string& components = "[arm, base]") {
     const auto scenario =
         read("components: " + components + "\nruns: [{id: a, transport: udp, " + base + "}]\n");
@@ -206,7 +206,7 @@ TEST_F(Components, AreMeasuredUnderTheConditionsOfOthersToo) {
   EXPECT_EQ(without["others"]["base"]["component_restart"], "none") << "what it alone has";
 }
 
-TEST_F(Components, ComeWithTheirOwnBeforeWhatIsSaidOfAllInDetail) {
+TEST_F(Components, OwnSettingOverridesDetailedSettingOfAll) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: udp, realtime: {send: {priority: 70}}, arm: {realtime: {priority: 50}}}]\n");
@@ -215,14 +215,14 @@ TEST_F(Components, ComeWithTheirOwnBeforeWhatIsSaidOfAllInDetail) {
   EXPECT_EQ(all[1].task.realtime.threads.at("send").priority, 70);
 }
 
-TEST_F(Components, HaveTransportsThatAreNotSearched) {
+TEST_F(Components, SearchOfOwnTransportIsRefused) {
   EXPECT_THAT(
       error("components: [arm, base]\n"
             "runs: [{id: a, transport: udp, search: arm.transport, arm: {transport: [udp, fastdds]}}]\n"),
       HasSubstr("search: transports have no order"));
 }
 
-TEST_F(Components, HaveGatesOfTheirOwn) {
+TEST_F(Components, OwnGatesReplaceThoseOfTheRun) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: udp, require: late <= 5, arm: {require: [late <= 0, lost <= 0]}}]\n");
@@ -231,7 +231,7 @@ TEST_F(Components, HaveGatesOfTheirOwn) {
   EXPECT_THAT(all[1].require, ElementsAre("late <= 5"));
 }
 
-TEST_F(Components, AreRepeatedAndSearchedTogether) {
+TEST_F(Components, RepetitionAndSearchStepAreTheSameForAll) {
   const auto scenario = read(
       "components: [arm, base]\nrepeat: 2\n"
       "runs: [{id: a, transport: udp, search: arm.period, arm: {period: [9 ms, 8 ms, 7 ms]}}]\n");
@@ -245,7 +245,7 @@ TEST_F(Components, AreRepeatedAndSearchedTogether) {
   EXPECT_EQ(all[1].task.client.period, 10ms);
 }
 
-TEST_F(Components, TakeTransportsInsteadOfTheirOwn) {
+TEST_F(Components, SelectedTransportReplacesOwnTransports) {
   Selection selection;
   selection.transports = {"cyclonedds"};
   const auto scenario = read(
@@ -254,7 +254,7 @@ TEST_F(Components, TakeTransportsInsteadOfTheirOwn) {
     EXPECT_EQ(run.task.transport, "cyclonedds");
 }
 
-TEST_F(Components, AreRefusedWhatIsCommonToAllByName) {
+TEST_F(Components, OwnKeyThatIsCommonToAllIsRefusedByName) {
   const auto with = [this](const std::string& keys, const std::string& components = "[arm, base]") {
     return error("components: " + components + "\nruns:\n  - {id: a, transport: udp, arm: {" + keys + "}}\n");
   };
@@ -285,7 +285,7 @@ TEST_F(Components, AreRefusedWhatIsCommonToAllByName) {
   EXPECT_EQ(error(stated + "runs: [{id: a, transport: udp, link: {loss: 1 %}}]\n"), "no error");
 }
 
-TEST_F(Components, WithTrafficHaveAddressesOfTheirOwn) {
+TEST_F(Components, SameAddressWithTrafficIsRefused) {
   const auto of = [this](const std::string& keys) {
     return error("hosts: {controller: {}}\ncomponents: {arm: {address: robot}, base: {address: robot}}\n" +
                  ("runs: [{id: a, transport: cyclonedds, " + keys + "}]\n"));
@@ -297,7 +297,7 @@ TEST_F(Components, WithTrafficHaveAddressesOfTheirOwn) {
   EXPECT_EQ(of("arm: {transport: udp}"), "no error");
 }
 
-TEST_F(Components, EachOfWhichHasConditionsAreCountedAsRuns) {
+TEST_F(Components, OwnKeysCountTowardsTheLimitOfRuns) {
   std::string list = "1 B";
   for (int i = 2; i <= 5000; ++i) list += fmt::format(", {} B", i);
   const auto of = [&](const std::string& own) {
@@ -308,7 +308,7 @@ TEST_F(Components, EachOfWhichHasConditionsAreCountedAsRuns) {
   EXPECT_THAT(of(", arm: {period: 1 ms}"), HasSubstr("more than 10000 different runs"));
 }
 
-TEST_F(Components, BehindABridgeTakeNothingThatIsOfItsPorts) {
+TEST_F(Components, PortSettingsBehindABridgeAreRefused) {
   const std::string stated =
       "hosts: {controller: {}}\ncomponents: {a: {address: 10.0.0.1}, b: {address: 10.0.0.2}}";
   for (const auto* kernel : {"gro: on", "threaded-napi: on", "napi-threads: 50", "napi-cpus: 0"}) {
@@ -321,7 +321,7 @@ TEST_F(Components, BehindABridgeTakeNothingThatIsOfItsPorts) {
   }
 }
 
-TEST_F(Components, OverUdpHaveAddressesOfTheirOwn) {
+TEST_F(Components, SameAddressOverUdpIsRefused) {
   const auto of = [this](const std::string& transport) {
     return error("hosts: {controller: {}}\ncomponents: {arm: {address: robot}, base: {address: robot}}\n" +
                  ("runs: [{id: a, transport: " + transport + "}]\n"));
@@ -331,7 +331,7 @@ TEST_F(Components, OverUdpHaveAddressesOfTheirOwn) {
   EXPECT_EQ(of("cyclonedds"), "no error") << "it has topics";
 }
 
-TEST_F(Components, OverXdpWouldShareAQueueAtTheController) {
+TEST_F(Components, TwoOverXdpOnOneQueueAreRefused) {
   const auto of = [this](const std::string& components, const std::string& keys) {
     return error("components: " + components + "\nruns: [{id: a, " + keys + "}]\n");
   };
@@ -345,13 +345,13 @@ TEST_F(Components, OverXdpWouldShareAQueueAtTheController) {
       << "on a link each";
 }
 
-TEST_F(Components, WithoutThatNameAreNowhere) {
+TEST_F(Components, UnknownNameThrows) {
   const auto hosts = read("components: [arm, base]" + runs).hosts;
   EXPECT_THROW(hosts.at("component"), std::out_of_range);
 }
 
 // What explain would make of threads that are gone.
-TEST_F(Components, ThatAreStartedAgainAreNotExplained) {
+TEST_F(Components, ExplainWithRestartIsRefused) {
   const std::string run = "runs: [{id: a, transport: udp, component: {restart: on}";
   EXPECT_THAT(error(run + ", explain: on}]\n"),
               AllOf(HasSubstr(":1:8: run 'a'"), HasSubstr("component.restart")));
@@ -361,7 +361,7 @@ TEST_F(Components, ThatAreStartedAgainAreNotExplained) {
   EXPECT_TRUE(read("runs: [{id: a, transport: udp, explain: off}]\n", selection).runs[0].explain);
 }
 
-TEST_F(Components, AreJoinedByAWireOfARateAndAVlan) {
+TEST_F(Components, WireTakesRateAndVlan) {
   EXPECT_FALSE(read("hosts: namespaces" + runs).hosts.wire.any());
   const auto hosts = read("wire: {rate: 10 Mbit/s, vlan: 5}" + runs).hosts;
   EXPECT_EQ(hosts.wire.bits_per_s, 10'000'000u);
@@ -381,7 +381,7 @@ TEST_F(Components, AreJoinedByAWireOfARateAndAVlan) {
   EXPECT_THAT(of("components: [arm, base]\nwire: {vlan: 5}"), HasSubstr("hosts: namespaces"));
 }
 
-TEST_F(Components, HaveInterfacesOfOneQueueingDiscipline) {
+TEST_F(Components, WireRateWithLinkDelayIsRefused) {
   const std::string run = "\nruns: [{id: a, transport: udp, link: {delay: 1 ms}}]";
   EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + run), HasSubstr("a: wire.rate and link.delay"));
   EXPECT_EQ(read("wire: {rate: 10 Mbit/s, vlan: 5}" + run).runs.size(), 1u);
@@ -390,7 +390,7 @@ TEST_F(Components, HaveInterfacesOfOneQueueingDiscipline) {
   EXPECT_EQ(error("wire: {vlan: 5}" + own), "no error");
 }
 
-TEST_F(Components, OverXdpPassByAWireOfARate) {
+TEST_F(Components, XdpWithWireRateIsRefused) {
   const auto of = [this](const std::string& wire, const std::string& keys) {
     return error("wire: {" + wire + "}\ncomponents: [arm]\nruns: [{id: a, " + keys + "}]");
   };
@@ -403,7 +403,7 @@ TEST_F(Components, OverXdpPassByAWireOfARate) {
   EXPECT_EQ(of("rate: 10 Mbit/s", "transport: xdp, arm: {transport: ethernet}"), "no error");
 }
 
-TEST_F(Components, OverAVlanHaveNoSettingsOfTheInterfaceBelow) {
+TEST_F(Components, InterfaceSettingsOverAVlanAreRefused) {
   const auto of = [this](const std::string& wire, const std::string& keys) {
     return error("wire: {" + wire + "}\nruns: [{id: a, transport: udp, " + keys + "}]");
   };

@@ -28,7 +28,7 @@ TEST_F(IsolationKeys, AreReadAndRecorded) {
   EXPECT_EQ(asked(scenario.runs[2], scenario.hosts).at("isolation").at("load_quota"), 1.5);
 }
 
-TEST_F(IsolationKeys, ThatMakeNoSenseAreRefused) {
+TEST_F(IsolationKeys, InvalidValuesAndConflictsAreRefused) {
   EXPECT_THAT(refused("isolation: {cpus: x}"), HasSubstr("CPU list"));
   EXPECT_THAT(refused("isolation: {cpus: ' '}"), HasSubstr("CPU list"));
   EXPECT_THAT(refused("isolation: {interrupts: on}"), HasSubstr("needs isolation.cpus"));

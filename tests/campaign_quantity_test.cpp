@@ -27,7 +27,7 @@ TEST(Quantity, IsANumberWithAUnit) {
   EXPECT_EQ(bytes_of("1 MB"), 1'000'000U);
 }
 
-TEST(Quantity, SaysWhatIsWrong) {
+TEST(Quantity, InvalidTextIsRefused) {
   for (const auto* text :
        {"",        "ten",     "ms",         "10",      "10 parsec", "10 ms more",    "nan s",
         "-nan s",  "inf s",   "infinity s", "1e300 s", "1e-5000 s", "99999999999 h", "-99999999999 h",

@@ -9,6 +9,7 @@ namespace ontime::campaign {
 namespace {
 
 using namespace std::chrono_literals;
+using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -25,7 +26,7 @@ TEST(Address, IsWithoutItsPort) {
     EXPECT_EQ(without_port(address), address);
 }
 
-TEST(Streams, TheComponentServesBothWays) {
+TEST(Streams, ComponentServesBothDirections) {
   const Traffic traffic{.bits_per_s = 1000, .datagram_bytes = 100, .priority = 3};
   EXPECT_THAT(ways_of(traffic), ElementsAre("to_component", "to_controller"));
   EXPECT_TRUE(ways_of({}).empty());
@@ -47,23 +48,24 @@ nlohmann::json both(double sent, nlohmann::json received, bool running = true) {
           {"component", {{"to_component", {{"bit_s", std::move(received)}, {"running", true}}}}}};
 }
 
-TEST(Achieved, IsWhatArrived) {
+TEST(Achieved, ShortfallIsLessThan95PercentArrived) {
   const Traffic traffic{Traffic::Direction::to_component, 80'000'000};
   const auto enough = achieved(traffic, both(80e6, 76e6));
   EXPECT_EQ(enough.at("to_component").at("received_bit_s"), 76e6);
   EXPECT_TRUE(shortfalls(enough).empty());
-  EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 75.9e6))),
-              ElementsAre(HasSubstr("of 80 Mbit/s 80 were sent, and 75.9 arrived at the component")));
+  EXPECT_THAT(
+      shortfalls(achieved(traffic, both(80e6, 75.9e6))),
+      ElementsAre(AllOf(HasSubstr("75.9 of 80 Mbit/s"), HasSubstr("component"), HasSubstr("(80 sent"))));
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
       << "what is unknown is not taken for achieved";
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
       << "it was not there to the end";
-  EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("NOT")));
+  EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("SHORTFALL")));
   EXPECT_TRUE(achieved(Traffic{}, both(1, 1)).empty());
 }
 
-TEST_F(ScenarioFile, TrafficIsSaid) {
+TEST_F(ScenarioFile, TrafficKeysAreReadAndRecorded) {
   const auto runs = read(
                         "defaults: {transport: udp, traffic: {rate: 80 Mbit/s}}\n"
                         "runs:\n"
@@ -77,7 +79,7 @@ TEST_F(ScenarioFile, TrafficIsSaid) {
   EXPECT_EQ(asked(campaign::Run{}, {}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
 }
 
-TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
+TEST_F(ScenarioFile, LinkFaultKeysAreReadAndRecorded) {
   const auto run =
       read(
           "runs: [{id: a, transport: udp, link: {loss: 1%, duplicate: 0.5 %, delay: 2 ms, jitter: 500 us, "
@@ -127,7 +129,7 @@ TEST_F(ScenarioFile, ALaunchTimeNeedsAnEtfAndAnEtfALaunchTime) {
   EXPECT_THAT(error(of(also(below, "explain: on"))), HasSubstr("explain"));
 }
 
-TEST_F(ScenarioFile, WhatGoesByNoIpHasItsPriorityFromItsSocket) {
+TEST_F(ScenarioFile, MessagesBelowIpGetPriorityFromTheirSocket) {
   const auto run = read("runs: [{id: a, transport: ethernet, link: {message-priority: 6}}]\n").runs.at(0);
   EXPECT_EQ(run.task.config.priority, 6);
   EXPECT_THAT(error("runs: [{id: a, transport: xdp, link: {message-priority: 6}}]\n"), HasSubstr("xdp"));

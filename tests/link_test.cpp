@@ -28,7 +28,7 @@ json outcome(json controller, json component = nullptr) {
 
 std::string found(const json& outcome) { return went_elsewhere(outcome, 500).value_or("nothing"); }
 
-TEST(Link, ThatCarriedAllIsTheOne) {
+TEST(Link, LinkThatCarriedAllMessagesPasses) {
   EXPECT_EQ(found(outcome(host(60'000, 60'000), host(60'000, 60'000))), "nothing");
   EXPECT_EQ(found(outcome(host(60'000, 60'000))), "nothing");
   constexpr auto least = 99 * (500 + 30);
@@ -36,34 +36,34 @@ TEST(Link, ThatCarriedAllIsTheOne) {
       << "what was lost need not have come, nor have left: a link that is down takes nothing";
 }
 
-TEST(Link, ThatCarriedTooLittleIsNamed) {
+TEST(Link, LinkThatCarriedTooLittleIsNamed) {
   EXPECT_THAT(found(outcome(host(52'469, 60'000))),
               AllOf(HasSubstr("did not go over eth1"), HasSubstr("99 messages of 500 bytes were answered"),
-                    HasSubstr("of what the controller sent the kernel counted 52469 bytes")));
-  EXPECT_THAT(found(outcome(host(60'000, 0))), HasSubstr("of what the controller received"));
-  EXPECT_THAT(found(outcome(host(60'000, 60'000), host(0, 60'000))), HasSubstr("of what the component sent"));
+                    HasSubstr("52469 bytes sent there by the controller")));
+  EXPECT_THAT(found(outcome(host(60'000, 0))), HasSubstr("received there by the controller"));
+  EXPECT_THAT(found(outcome(host(60'000, 60'000), host(0, 60'000))),
+              HasSubstr("sent there by the component"));
   EXPECT_THAT(found(outcome(host(0, 0, {"fastrtps_port7411"}))),
-              HasSubstr("shared memory in use (fastrtps_port7411)"));
+              HasSubstr("shared memory (fastrtps_port7411)"));
 }
 
-TEST(Link, ThatCarriedNoMessageIsNamedThoughTheyHaveNoPayload) {
+TEST(Link, LinkWithoutMessagesIsNamedEvenWithoutPayload) {
   const auto without_payload = [](const json& of) { return went_elsewhere(of, 0).value_or("nothing"); };
   EXPECT_THAT(without_payload(outcome(host(0, 0))), HasSubstr("did not go over eth1"));
   EXPECT_EQ(without_payload(outcome(host(99 * 30, 99 * 30))), "nothing");
 }
 
-TEST(Link, CarriedTheNeighboursToo) {
+TEST(Link, BackgroundTopicsCountTowardsTheLink) {
   auto controller = host(63'000, 63'000), component = host(63'000, 63'000);
   controller["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
   component["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
   EXPECT_EQ(found(outcome(controller, component)), "nothing");
   component["neighbours"]["received"] = 11;
-  EXPECT_THAT(
-      found(outcome(controller, component)),
-      AllOf(HasSubstr("and 11330 bytes of neighbours received"), HasSubstr("the component received")));
+  EXPECT_THAT(found(outcome(controller, component)),
+              AllOf(HasSubstr("11330 bytes of background topics"), HasSubstr("by the component")));
 }
 
-TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
+TEST(Link, RestartedEndCountsItsOwnAnswers) {
   auto again = host(40 * 530, 40 * 530);
   again["started_again"] = true;
   again["answered"] = 40;
@@ -90,14 +90,14 @@ TEST(Link, LaunchTimesThatWereNotAppliedFailTheRun) {
   controller["link"]["etf"]["launched_frames"] = 94;
   EXPECT_EQ(found(), "nothing") << "one is lost, and the last may not be counted yet";
   controller["link"]["etf"]["launched_frames"] = 93;
-  EXPECT_THAT(found(), AllOf(HasSubstr("the controller sent 96 of them"), HasSubstr("handed 93 frames on"),
+  EXPECT_THAT(found(), AllOf(HasSubstr("the controller sent 96"), HasSubstr("93 frames"),
                              HasSubstr("link.message-priority")));
   controller["link"]["gone"] = "another process removed it";
   component["link"]["etf"]["launched_frames"] = 0;
-  EXPECT_THAT(found(), HasSubstr("the component sent 90 of them"));
+  EXPECT_THAT(found(), HasSubstr("the component sent 90"));
 }
 
-TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
+TEST(Link, AnswersOfAnotherProgramFailTheRun) {
   auto component = host(60'000, 60'000);
   const auto with = [&](std::uint64_t answered) {
     component["answered"] = answered;
@@ -106,47 +106,48 @@ TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
   EXPECT_EQ(with(120), "nothing") << "others may ask it as well";
   EXPECT_EQ(with(98), "nothing") << "the last may not be counted yet";
   EXPECT_THAT(with(97),
-              HasSubstr("the component answered 97 messages, and 99 were answered: another program"));
+              AllOf(HasSubstr("answered 97"), HasSubstr("99 answers"), HasSubstr("another program")));
   EXPECT_THAT(with(0), HasSubstr("another program"));
 }
 
 // Other traffic on the link may make up for what is missing.
-TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
+TEST(Link, SharedMemoryAtBothEndsOfOneMachineFailsTheRun) {
   const std::vector<std::string> segments{"fastrtps_port7411"};
   const auto busy = host(9'000'000, 9'000'000, segments);
-  EXPECT_THAT(found(outcome(busy, busy)), HasSubstr("both ends are on one machine"));
+  EXPECT_THAT(found(outcome(busy, busy)),
+              AllOf(HasSubstr("both ends"), HasSubstr("shared memory (fastrtps_port7411)")));
   EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000))), "nothing");
   EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000, segments, "another"))), "nothing");
 }
 
-TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
+TEST(Link, TrafficIsLeftOutOfTheCheck) {
   auto busy = host(9'000'000, 9'000'000);
   auto with = outcome(busy, busy);
   const std::set<std::string> both{"controller", "component"};
-  EXPECT_THAT(unproved(with, both).value_or(""), HasSubstr("eth1 is not proved: on the "));
+  EXPECT_THAT(unproved(with, both).value_or(""), HasSubstr("not verified that the messages used eth1"));
   for (auto& end : with["hosts"])
     end["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
   EXPECT_FALSE(unproved(with, both));
   EXPECT_EQ(found(with), "nothing");
   with["hosts"]["component"]["link"]["beside_traffic"]["received_bytes"] = 0;
-  EXPECT_THAT(found(with), HasSubstr("of what the component received"))
+  EXPECT_THAT(found(with), HasSubstr("received there by the component"))
       << "it was the traffic that was counted";
   EXPECT_FALSE(unproved(outcome(busy, busy), {}));
 }
 
-TEST(Link, ThatCarriesAnothersTrafficProvesNothingWhereThatIsNotLeftOut) {
+TEST(Link, TrafficOfAnotherComponentThatIsCountedVerifiesNothing) {
   auto counted = host(9'000'000, 9'000'000), not_counted = counted;
   counted["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
   EXPECT_FALSE(unproved(outcome(counted, not_counted), {"controller"})) << "the component's has none";
   EXPECT_THAT(unproved(outcome(counted, not_counted), {"controller", "component"}).value_or(""),
-              HasSubstr("on the component they could not be counted"));
+              HasSubstr("the component cannot count them"));
 }
 
-TEST(Link, WhoseCountersAreGoneProvesNothing) {
+TEST(Link, LostCountersVerifyNothing) {
   auto gone = host(60'000, 60'000);
   gone["link"]["gone"] = "another process removed the rules";
   EXPECT_THAT(unproved(outcome(gone, gone), {}).value_or(""),
-              AllOf(HasSubstr("eth1 is not proved"), HasSubstr("another process removed the rules")));
+              AllOf(HasSubstr("eth1"), HasSubstr("another process removed the rules")));
   gone["link"] = {{"interface", "eth1"}, {"gone", "the interface is not there any more"}};
   EXPECT_TRUE(unproved(outcome(gone, host(60'000, 60'000)), {}));
   EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");

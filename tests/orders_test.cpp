@@ -35,7 +35,7 @@ class FramesTest : public testing::Test {
   int ends_[2] = {-1, -1};
 };
 
-TEST_F(FramesTest, WhatIsSentIsReceived) {
+TEST_F(FramesTest, SentFramesAreReceived) {
   Frames here(ends_[0], ends_[0]), there(ends_[1], ends_[1]);
   const std::vector<std::uint8_t> bytes{1, 2, 3};
   here.send({{"a", 1}});
@@ -51,7 +51,7 @@ TEST_F(FramesTest, WhatIsSentIsReceived) {
   EXPECT_FALSE(there.fill());
 }
 
-TEST_F(FramesTest, ABrokenPipeIsSaid) {
+TEST_F(FramesTest, ClosedPipeThrowsBroken) {
   Frames here(ends_[0], ends_[0]);
   close(std::exchange(ends_[1], -1));
   EXPECT_THROW(here.fill(), Broken);
@@ -78,7 +78,7 @@ TEST(Decoder, TakesFramesHoweverTheyAreCut) {
   EXPECT_EQ(frames, 3);
 }
 
-TEST(Decoder, RefusesWhatIsNoFrame) {
+TEST(Decoder, InvalidFramesAreRefused) {
   const std::string noise = "bash: ontime: command not found\n";
   const auto refuses = [](const std::vector<std::uint8_t>& bytes) {
     Decoder decoder;
@@ -93,7 +93,7 @@ TEST(Decoder, RefusesWhatIsNoFrame) {
       frame_of(std::vector<std::uint8_t>(1'000'000, 0x81), 1'000'000));  // a million arrays in one another
 }
 
-TEST(Decoder, TellsTheTextThatLiesThereInPlaceOfAFrame) {
+TEST(Decoder, TextInPlaceOfAFrameIsReturned) {
   const auto text_of = [](const std::vector<std::uint8_t>& bytes) {
     Decoder decoder;
     decoder.add(bytes);
@@ -156,16 +156,16 @@ TEST_F(CoordinatorTest, AwaitsOneAndHandlesTheOthers) {
   EXPECT_THAT(said, testing::ElementsAre("the second x", "the first y"));
 }
 
-TEST_F(CoordinatorTest, NoEventIsThrownAway) {
+TEST_F(CoordinatorTest, EventWithoutHandlerIsAnError) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.order("say", {{"what", "x"}});
   hand.order("answer");
   EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
-              HasSubstr("the worker said 'said'"));
+              AllOf(HasSubstr("the worker"), HasSubstr("'said'")));
 }
 
 // Another's end broke the wait; who is well owes an answer still, and gives it.
-TEST_F(CoordinatorTest, AnAnswerThatIsNoLongerAwaitedIsNotHeldAgainstWhoGivesIt) {
+TEST_F(CoordinatorTest, LateAnswerIsNotUnexpected) {
   Coordinator::Hand well(coordinator_, "the one that is well", worker("obedient"), "s");
   {
     Coordinator::Hand killed(coordinator_, "the one that is killed", worker("obedient"), "s");
@@ -179,10 +179,10 @@ TEST_F(CoordinatorTest, AnAnswerThatIsNoLongerAwaitedIsNotHeldAgainstWhoGivesIt)
                 well.order("answer");
                 coordinator_.until([] { return false; });
               }),
-              HasSubstr("'answered', which was not asked"));
+              AllOf(HasSubstr("unexpected"), HasSubstr("'answered'")));
 }
 
-TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
+TEST_F(CoordinatorTest, EventHandledForOneWorkerIsUnexpectedFromAnother) {
   Coordinator::Hand first(coordinator_, "the first", worker("obedient"), "s"),
       second(coordinator_, "the second", worker("obedient"), "s");
   int said = 0;
@@ -190,7 +190,7 @@ TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
   second.order("say", {{"what", "x"}});
   second.order("answer");
   EXPECT_THAT(failure([&] { coordinator_.await(second, "answered", 10s); }),
-              HasSubstr("the second said 'said', which was not asked"));
+              AllOf(HasSubstr("the second"), HasSubstr("'said'")));
   EXPECT_EQ(said, 0);
 }
 
@@ -199,12 +199,11 @@ TEST_F(CoordinatorTest, MalformedEventNamesItsWorker) {
   hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
   hand.order("say", {{"what", 7}});
   EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
-              AllOf(HasSubstr("3 the worker said what this ontime does not understand"),
-                    HasSubstr("type must be string")));
+              AllOf(HasSubstr("3 the worker"), HasSubstr("type must be string")));
   EXPECT_TRUE(hand.lost());
 }
 
-TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
+TEST_F(CoordinatorTest, FailedOrLostWorkerIsReportedWithReason) {
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     hand.order("fail");
@@ -233,27 +232,27 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"false"}, "s"); }),
               HasSubstr("exit code 1"));
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"yes"}, "s"); }),
-              HasSubstr("does not speak ontime's orders; it said: y"));
+              AllOf(HasSubstr("3 the worker"), testing::EndsWith(": y")));
 }
 
 TEST_F(CoordinatorTest, AWorkerOfAnotherBuildIsRefused) {
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", worker("obedient"), "other"); }),
-              AllOf(HasSubstr("of another build"), HasSubstr("install the same on both machines")));
+              AllOf(HasSubstr("another build"), HasSubstr("install the same")));
 }
 
-TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
+TEST_F(CoordinatorTest, StoppedWorkerIsNamedAndGivenUp) {
   Coordinator::Hand stuck(coordinator_, "the stuck one", worker("obedient"), "s"),
       well(coordinator_, "the other", worker("obedient"), "s");
   kill(pid_of(stuck), SIGSTOP);
   EXPECT_THAT(failure([&] { coordinator_.until([] { return false; }); }),
-              AllOf(HasSubstr("3 the stuck one was silent for 10 s")));
+              AllOf(HasSubstr("3 the stuck one"), HasSubstr("10 s")));
   EXPECT_TRUE(stuck.lost());
   well.order("answer");
   coordinator_.await(well, "answered", 10s);  // the loop goes on without it
 }
 
 // A slow ssh, a machine under full load: it is silent, for it is not there yet.
-TEST_F(CoordinatorTest, OneThatIsLongInComingIsAwaited) {
+TEST_F(CoordinatorTest, SlowStartIsAwaited) {
   Coordinator::Hand hand(coordinator_, "the slow one",
                          {"sh", "-c", "sleep 12; exec " + this_program() + " obedient"}, "s");
   hand.order("answer");
@@ -262,14 +261,14 @@ TEST_F(CoordinatorTest, OneThatIsLongInComingIsAwaited) {
 
 // A keeper that begins to trace, on a machine under full load: what its coordinator said meanwhile is not
 // read yet.
-TEST_F(CoordinatorTest, OneThatTakesLongOverAnOrderDoesNotTakeItsCoordinatorForSilent) {
+TEST_F(CoordinatorTest, LongOrderDoesNotMakeTheCoordinatorSilent) {
   Coordinator::Hand hand(coordinator_, "the busy one", worker("obedient"), "s");
   hand.order("take long");
   hand.order("answer");
   coordinator_.await(hand, "answered", 30s);
 }
 
-TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
+TEST_F(CoordinatorTest, EndlessEventsDoNotBlockAnInterruption) {
   Coordinator::Hand hand(coordinator_, "the talkative one", worker("obedient"), "s");
   int said = 0;
   hand.on("said", [&](auto&) {
@@ -282,7 +281,7 @@ TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
   EXPECT_LT(said, chatter);
 }
 
-TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
+TEST_F(CoordinatorTest, TerminatedWorkerIsAnInterruption) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   const auto pid = pid_of(hand);
   for (const int signal : {SIGTERM, SIGHUP}) kill(pid, signal);  // as a session's end does
@@ -296,7 +295,7 @@ TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
 }
 
 // A person is, and need not wait for what a coordinator still has to do.
-TEST_F(CoordinatorTest, OneThatIsInterruptedAfterThatLeavesAtOnce) {
+TEST_F(CoordinatorTest, WorkerInterruptedAfterTerminationLeavesAtOnce) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   const auto pid = pid_of(hand);
   kill(pid, SIGTERM);
@@ -306,7 +305,7 @@ TEST_F(CoordinatorTest, OneThatIsInterruptedAfterThatLeavesAtOnce) {
   EXPECT_TRUE(hand.lost());
 }
 
-TEST_F(CoordinatorTest, WorkerThatIsSlowToGiveBackIsAwaitedAndSaysWhatStays) {
+TEST_F(CoordinatorTest, SlowRestoreIsAwaitedAndReportsWhatRemains) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.order("be slow at the end");
   pid_of(hand);
@@ -321,7 +320,7 @@ TEST_F(CoordinatorTest, WorkerThatIsSlowToGiveBackIsAwaitedAndSaysWhatStays) {
   EXPECT_EQ(doing, "giving back");
 }
 
-TEST_F(CoordinatorTest, WhatAnOrderUnderWayCouldNotGiveBackIsTold) {
+TEST_F(CoordinatorTest, NotesOfAnUnfinishedOrderAreReported) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.order("close");
   coordinator_.await(hand, "said", 10s);
@@ -365,12 +364,11 @@ TEST(Worker, LeavesACoordinatorThatIsSilent) {
   } catch (const Broken&) {  // it has left
   }
   EXPECT_EQ(last.at("event"), "failed");
-  EXPECT_THAT(last.at("message").get<std::string>(),
-              HasSubstr("the coordinator (the ontime that was started by hand)"));
-  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("silent for 10 s"));
+  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("the coordinator"));
+  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("10 s"));
 }
 
-TEST(Signals, ThatWereIgnoredStayIgnored) {
+TEST(Signals, IgnoredSignalsStayIgnored) {
   const pid_t child = fork();
   if (child == 0) {
     std::signal(SIGHUP, SIG_IGN);  // as nohup leaves it

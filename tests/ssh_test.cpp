@@ -63,13 +63,13 @@ TEST(Ssh, WithoutATemporaryFolderNothingIsMade) {
       ADD_FAILURE() << ssh.folder();
     } catch (const orders::Error& error) {
       EXPECT_EQ(error.exit, 3);
-      EXPECT_THAT(error.what(), HasSubstr("set TMPDIR to the absolute path of one"));
+      EXPECT_THAT(error.what(), HasSubstr("TMPDIR"));
     }
   }
   setenv("TMPDIR", before.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
 }
 
-TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {
+TEST(Ssh, FolderIsPrivateAndRemovedWithTheConnection) {
   std::string folder;
   {
     const Ssh ssh("robot");
@@ -79,27 +79,27 @@ TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {
   EXPECT_FALSE(std::filesystem::exists(folder));
 }
 
-TEST(Ssh, EachFailureHasItsWordsAndWhatToDo) {
+TEST(Ssh, EachFailureNamesHostAndFix) {
   const auto reason = [](int code, const std::string& said = "") {
     return reason_of("me@robot", "ontime", code, said);
   };
   EXPECT_THAT(reason(125), HasSubstr("apt install openssh-client"));
-  EXPECT_THAT(reason(126), HasSubstr("cannot be run on me@robot"));
-  EXPECT_THAT(reason(127), AllOf(HasSubstr("no ontime on me@robot"), HasSubstr("--deploy")));
+  EXPECT_THAT(reason(126), AllOf(HasSubstr("me@robot"), HasSubstr("not executable")));
+  EXPECT_THAT(reason(127), AllOf(HasSubstr("me@robot"), HasSubstr("--deploy")));
   EXPECT_THAT(reason(255, "Host key verification failed."),
               AllOf(HasSubstr("does not know"), HasSubstr(": ssh me@robot")));
   EXPECT_THAT(reason(255,
                      "@@@@@@\n@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @\n…\nHost key "
                      "verification failed."),
-              AllOf(HasSubstr("is not the one that ssh knows"), HasSubstr("ssh-keygen -R")));
+              AllOf(HasSubstr("host key of me@robot"), HasSubstr("ssh-keygen -R")));
   EXPECT_THAT(reason(255, "me@10.0.0.2: Permission denied (publickey)."),
               AllOf(HasSubstr("ssh-copy-id me@robot"), HasSubstr("Permission denied (publickey)")));
   for (const auto* why :
        {"Connection refused", "No route to host", "Connection timed out", "Network is unreachable"})
     EXPECT_THAT(reason(255, std::string("ssh: connect to host 10.0.0.2 port 22: ") + why),
-                AllOf(HasSubstr("me@robot cannot be reached"), HasSubstr(why)));
+                AllOf(HasSubstr("me@robot"), HasSubstr(why)));
   EXPECT_THAT(reason(255, "ssh: Could not resolve hostname robot: Name or service not known"),
-              HasSubstr("me@robot cannot be reached"));
+              AllOf(HasSubstr("me@robot"), HasSubstr("Could not resolve")));
   EXPECT_EQ(reason(255), "the connection to me@robot was lost");
   EXPECT_EQ(reason(255, "client_loop: send disconnect: Broken pipe\n"),
             "the connection to me@robot was lost (client_loop: send disconnect: Broken pipe)");
@@ -107,16 +107,15 @@ TEST(Ssh, EachFailureHasItsWordsAndWhatToDo) {
   EXPECT_EQ(reason(3), "");
 }
 
-TEST(Ssh, TheLinkOfSshIsSaidOnlyWhereItIsOrMayBeTheOneUnderTest) {
+TEST(Ssh, LinkOfSshIsNotedOnlyIfItMayBeTheOneUnderTest) {
   EXPECT_EQ(note_of_ssh_link("component", nullptr), "");
   EXPECT_EQ(note_of_ssh_link("component", {{"interface", "eth0"}, {"shared", false}}), "");
-  EXPECT_THAT(note_of_ssh_link("component", {{"interface", "eth1"}, {"shared", true}}),
-              HasSubstr("goes over eth1"));
+  EXPECT_THAT(note_of_ssh_link("component", {{"interface", "eth1"}, {"shared", true}}), HasSubstr("eth1"));
   EXPECT_THAT(note_of_ssh_link("component", {{"interface", nullptr}, {"shared", true}}),
-              HasSubstr("cannot be told"));
+              HasSubstr("unknown"));
 }
 
-TEST(Deploy, NamesThePackagesOfLibrariesAndRunsNothingThatCameFromElsewhere) {
+TEST(Deploy, NamesPackagesOfLibrariesAndRunsNoForeignText) {
   EXPECT_THAT(packages_of({"libc.so.6", "libc.so.6"}), ElementsAre("libc6"));
   EXPECT_THAT(packages_of({"'; touch /tmp/x; '", "libnone.so.99"}), testing::IsEmpty());
 }

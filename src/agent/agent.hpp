@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The measuring process: one for one end of one run, where that end lives (in its network namespace, say). It
-// carries out a coordinator's orders (orders/orders.hpp) and measures, and that is all it does, so that two
-// middlewares never meet in it; what belongs to the machine is its keeper's.
+// The measuring process: one for each end of a run, where that end lives (such as its network namespace). It
+// carries out a coordinator's orders (orders/orders.hpp) and only measures, so that two middlewares never
+// share a process. The keeper handles what belongs to the machine.
 //
 //   order              answer
 //   identify {}        identified {pid}: as its machine has it
@@ -13,13 +13,13 @@
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
 //   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {}
 //                      with bytes, until finished {counters, waited_bytes}; of neighbours nothing
-//   stop  {}           none; a client's `finished` comes the sooner
+//   stop  {}           none; a client's `finished` comes sooner
 //   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered,
 //                      neighbours}
 //
-// `ssh` (else false) says whether events go out by ssh. Then ssh_link is {interface, shared}: over which
-// interface here (null: cannot be told), and whether the messages take it as well, or may. Where they do,
-// samples wait for the end (waited_bytes of them), so that they do not disturb it.
+// `ssh` (default false): whether events go out by ssh. Then ssh_link is {interface, shared}: the interface of
+// ssh here (null: unknown), and whether the messages use it too, or may. If so, samples wait for the end of
+// the run (waited_bytes of them), so that they do not disturb it.
 #pragma once
 
 #include <span>
@@ -35,15 +35,14 @@
 namespace ontime::agent {
 
 using conditions::Task;
-// The form of a run in records (conditions::to_json), and what only the end itself is told.
+// The form of a run in records (conditions::to_json), with fields that only the end itself needs.
 nlohmann::json to_json(const Task&);
 Task task_of(const nlohmann::json&);
 nlohmann::json to_json(const roundtrip::Counters&);
 nlohmann::json to_json(const roundtrip::NeighbourCounters&);
 roundtrip::Counters counters_of(const nlohmann::json&);
 
-// Samples travel as their bytes: both ends are the same program of the same build, which `hello` shows by
-// this.
+// Samples are sent as raw bytes, so both sides must be the same build: `hello` compares this layout.
 std::string sample_layout();
 std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes);
 std::vector<roundtrip::Server::Answer> answers_of(std::span<const std::uint8_t> bytes);

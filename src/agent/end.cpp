@@ -18,7 +18,7 @@ namespace {
 using nlohmann::json;
 using orders::Error;
 
-// Before the role of a thread that is the neighbours' alone.
+// Prefix of the role of a thread that serves only background topics.
 constexpr std::string_view of_neighbours = "neighbours ";
 
 // Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
@@ -28,7 +28,7 @@ constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20U;
 constexpr std::uint64_t locked_bytes = 192 * mebibyte;  // 165 to 185 MB were seen
 constexpr std::uint64_t most_reserve = 256 * mebibyte;
 
-// Finds the address of the interface that was asked for.
+// Finds the address of the requested interface.
 void resolve(transport::Config& config) {
   if (config.interface.empty()) return;
   std::vector<std::string> others;
@@ -36,17 +36,15 @@ void resolve(transport::Config& config) {
     others.push_back(interface.name);
     if (interface.name != config.interface) continue;
     if (!interface.up)
-      throw Error(
-          3, fmt::format("interface '{0}' is down; bring it up: sudo ip link set {0} up", interface.name));
+      throw Error(3, fmt::format("interface '{0}' is down. Fix: sudo ip link set {0} up", interface.name));
     if (interface.address.empty())
       throw Error(
-          3, fmt::format(
-                 "interface '{0}' has no IPv4 address; give it one: sudo ip address add A.B.C.D/N dev {0}",
-                 interface.name));
+          3, fmt::format("interface '{0}' has no IPv4 address. Fix: sudo ip address add A.B.C.D/N dev {0}",
+                         interface.name));
     config.address = interface.address;
     return;
   }
-  throw Error(2, fmt::format("there is no interface '{}' on this host; there are: {}", config.interface,
+  throw Error(2, fmt::format("this host has no interface '{}'; it has: {}", config.interface,
                              fmt::join(others, ", ")));
 }
 
@@ -54,29 +52,30 @@ void check(const transport::Plugin& plugin, const Task& task) {
   const auto& can = plugin.capabilities;
   const auto beside = task.neighbours.topics > 0 ? task.neighbours.payload_bytes : 0;
   if (const auto largest = std::max(task.config.max_payload_bytes, beside); largest > can.max_payload_bytes)
-    throw Error(2, fmt::format("transport {} carries at most {} bytes of payload; {} were asked for",
+    throw Error(2, fmt::format("transport {} carries at most {} bytes of payload; {} were requested",
                                plugin.name, can.max_payload_bytes, largest));
   const bool listener = task.config.receive == transport::Receive::listener;
   if (listener ? !can.listener : !can.waitset)
-    throw Error(2, fmt::format("transport {} cannot receive by {}", plugin.name,
+    throw Error(2, fmt::format("transport {} does not support receive: {}", plugin.name,
                                conditions::word_of(task.config.receive)));
   if (task.config.security && !can.security)
-    throw Error(2,
-                fmt::format("transport {} has no DDS Security (security: {}); leave it out, or take another "
-                            "transport",
-                            plugin.name, task.config.security->level));
-  if (task.config.launch_ns > 0 && !can.launch_time)
     throw Error(
-        2, fmt::format("transport {} writes to no socket of ontime's, so its messages cannot say when they "
-                       "leave (launch-time); leave it out, or take another transport",
-                       plugin.name));
+        2, fmt::format("transport {} has no DDS Security (security: {}). Fix: remove the key, or use another "
+                       "transport",
+                       plugin.name, task.config.security->level));
+  if (task.config.launch_ns > 0 && !can.launch_time)
+    throw Error(2,
+                fmt::format("transport {} does not support launch-time: it does not send through a socket of "
+                            "ontime. Fix: remove the key, or use another transport",
+                            plugin.name));
   const transport::Config unnamed;
   if (!can.topics &&
       (task.config.ping_topic != unnamed.ping_topic || task.config.pong_topic != unnamed.pong_topic))
     throw Error(
-        2, fmt::format("transport {} has no topics to name ({}, {}); tell its pongs apart by --domain, or "
-                       "by its port",
-                       plugin.name, task.config.ping_topic, task.config.pong_topic));
+        2,
+        fmt::format("transport {} has no topic names; requested: {}, {}. Fix: separate servers by --domain "
+                    "or port",
+                    plugin.name, task.config.ping_topic, task.config.pong_topic));
   for (const auto& [name, value] : task.config.options) {
     if (std::ranges::count(plugin.options, name, &transport::Option::name) > 0) continue;
     std::vector<std::string> others;
@@ -144,8 +143,8 @@ std::vector<transport::Thread> End::threads() {
 
 void End::drop_privileges() {
   for (const auto& thread : agent::drop_privileges())
-    refuse({{"fewer privileges for thread " + thread, "it blocks the signal by which it would drop them",
-             "nothing is to be done: what it receives from the network is read with all privileges"}});
+    refuse({{"fewer privileges for thread " + thread, "the thread blocks the signal that drops them",
+             "none: the thread reads from the network with all privileges"}});
 }
 
 json End::opened() {
@@ -162,8 +161,8 @@ void End::set_threads() {
     }
     if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
     if (thread.role == "unknown") {
-      refuse({{"settings for thread " + thread.name, "what it is for cannot be told from outside",
-               "let the kernel tell: permit by limits, not by file capabilities (docs/how-to/realtime.md)"}});
+      refuse({{"settings for thread " + thread.name, "the kernel does not show the thread's role",
+               "grant permissions by limits, not by file capabilities (docs/how-to/realtime.md)"}});
       continue;
     }
     auto settings = task_.realtime.threads.find(thread.role);
@@ -178,7 +177,7 @@ void End::set_threads() {
   }
 }
 
-// Of those that their messages pass through, and only if it was asked for.
+// Only threads that background messages pass through, and only if neighbours.priority is set.
 void End::set_thread_of_neighbours(const transport::Thread& thread) {
   const auto role = thread.role.substr(of_neighbours.size());
   if (role != "send" && role != "receive" && role != "delivery") return;
@@ -264,7 +263,7 @@ json End::losses() {
           {"overwritten", since(losses_before_.overwritten, now.overwritten)}};
 }
 
-// Messages that surely passed this end both ways.
+// Messages that certainly passed this end in both directions.
 std::uint64_t End::answered() const {
   if (server_) return server_->answered() - answered_before_;
   if (!client_) return 0;
@@ -293,8 +292,8 @@ std::string lacks_memory(std::istream& meminfo) {
   const auto reserve = std::min(total / 20, most_reserve);
   if (total == 0 || available >= locked_bytes + reserve) return "";
   return fmt::format(
-      "an end with locked memory takes {} MiB. This machine has {} MiB free, of which {} MiB stay free. Have "
-      "fewer components on it, end what takes its memory, or set realtime.lock-memory: off",
+      "an end with locked memory needs {} MiB. This machine has {} MiB free and reserves {} MiB. Fix: run "
+      "fewer components on it, stop other programs, or set realtime.lock-memory: off",
       locked_bytes / mebibyte, available / mebibyte, reserve / mebibyte);
 }
 

@@ -21,16 +21,16 @@ class End {
 
   roundtrip::Client* client() { return client_.get(); }              // null at the server's end
   roundtrip::Server* server() { return server_.get(); }              // null at the client's end
-  roundtrip::Neighbours* neighbours() { return neighbours_.get(); }  // null where there are none
-  // The critical one; where neighbours are alone, one of theirs.
+  roundtrip::Neighbours* neighbours() { return neighbours_.get(); }  // null without background topics
+  // The measured endpoint; in a process with background topics only, one of theirs.
   transport::Endpoint& endpoint() {
     return client_ ? client_->endpoint() : server_ ? server_->endpoint() : neighbours_->endpoint();
   }
   const Task& task() const { return task_; }
-  void drop_privileges();  // what an open end needs no more
+  void drop_privileges();  // those that an open end no longer needs
   nlohmann::json opened();
 
-  // A middleware starts threads when it likes, so this is done again once peers have matched.
+  // Called again once peers have matched, because a middleware may start threads at any time.
   void set_threads();
   void begin();
   nlohmann::json ended();
@@ -64,8 +64,8 @@ class End {
   std::unique_ptr<machine::LinkWatch> link_watch_;  // null: of no interface
 };
 
-// Of the text of /proc/meminfo: why no end with locked memory is to be opened on this machine; "": there is
-// enough. Many components can take all of it, and then the kernel kills some process, not always one of ours.
+// From the text of /proc/meminfo: why this machine has too little memory for an end with locked memory; "":
+// it has enough. Many components could use all memory, and then the kernel kills any process.
 std::string lacks_memory(std::istream& meminfo);
 
 }  // namespace ontime::agent

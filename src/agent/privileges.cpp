@@ -43,7 +43,7 @@ void drop_own(int) {
   errno = before;
 }
 
-// Of a thread: its name, if it has more than is kept; else "".
+// The thread's name if it has other capabilities than `kept`; else "".
 std::string has_more(const fs::path& task) {
   std::ifstream status(task / "status");
   std::string word, name, mask;
@@ -58,7 +58,7 @@ std::string has_more(const fs::path& task) {
 }  // namespace
 
 std::vector<std::string> drop_privileges() {
-  // It stays: a second signal may be on its way to a thread that has dropped them already.
+  // The handler stays installed: a second signal may be on its way to a thread that has already dropped them.
   struct sigaction drop {};
   drop.sa_handler = drop_own;
   drop.sa_flags = SA_RESTART;

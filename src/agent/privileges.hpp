@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an agent may no longer do once its end is open: it reads what any host on the network sends.
+// Drops an agent's privileges once its end is open, because it reads what any host on the network sends.
 #pragma once
 
 #include <string>
@@ -7,10 +7,9 @@
 
 namespace ontime::agent {
 
-// Every thread of this process keeps CAP_SYS_NICE (priorities of threads to come) and CAP_IPC_LOCK (memory
-// that comes later is locked) of the capabilities that it has, and gains none by what it executes. Uses
-// SIGXCPU, which middlewares leave their threads. Returns the threads that could not be reached: they keep
-// all.
+// Of its capabilities every thread of this process keeps only CAP_SYS_NICE (priorities of later threads) and
+// CAP_IPC_LOCK (locking of later memory), and gains none by exec. Uses SIGXCPU, which middlewares do not
+// block. Returns the threads that did not react: they keep all.
 std::vector<std::string> drop_privileges();
 
 }  // namespace ontime::agent

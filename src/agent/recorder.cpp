@@ -45,7 +45,7 @@ std::size_t Recorder::finish() {
   try {
     while (hand_over()) continue;
     hand_over_what_waited();
-  } catch (const orders::Broken&) {  // the thread that reads orders notices too
+  } catch (const orders::Broken&) {  // the thread that reads orders notices it too
   }
   return waited_bytes_;
 }
@@ -68,7 +68,7 @@ void Recorder::record() {
       while (!over_ && hand_over()) continue;
       lock.lock();
     }
-  } catch (const orders::Broken&) {  // the thread that reads orders notices too
+  } catch (const orders::Broken&) {  // the thread that reads orders notices it too
   }
 }
 
@@ -85,7 +85,7 @@ bool Recorder::hand_over() {
 
 bool Recorder::keep(std::span<const std::uint8_t> bytes) {
   if (!waiting_ || waited_bytes_ + bytes.size() > most_waiting_bytes) return false;
-  // What a full disk let in beyond it counts as not there.
+  // Ignores a partial write that a full disk left behind.
   const auto whole = static_cast<long>(waited_bytes_);
   if (std::fseek(waiting_.get(), whole, SEEK_SET) != 0 ||
       std::fwrite(bytes.data(), bytes.size(), 1, waiting_.get()) != 1 || std::fflush(waiting_.get()) != 0)

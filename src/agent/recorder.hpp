@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hands a client's samples over while it measures, and is heard as little as can be: its thread weighs
-// a tenth of others, looks twice a second, and sends nothing that may as well wait. A schedule with a
-// period hands over what half a second brought, so that a killed agent takes no more with it; back-to-back,
-// whose samples come as fast as they can and are felt by what they measure, only when the ring is half full.
-// Where they would go over the very link that is measured they wait in a file without a name, all of them
-// that it has room for.
+// Sends a client's samples while it measures, and disturbs it as little as possible: its thread has a tenth
+// of the weight of others and looks twice a second. With a period it sends the samples of each half second,
+// so that a killed agent loses no more. Back-to-back, samples come as fast as possible and sending disturbs
+// the measurement, so it sends only when the ring is half full. If ssh may use the link under test, samples
+// wait in an unnamed file, as many as fit.
 #pragma once
 
 #include <atomic>
@@ -45,7 +44,7 @@ class Recorder {
   orders::Events& events_;
   const std::size_t patience_;  // so many samples may wait
   std::vector<roundtrip::Sample> batch_;
-  File waiting_;  // nothing: they do not wait, or no more
+  File waiting_;  // null: samples do not wait, or no longer
   std::size_t waited_bytes_ = 0;
   std::mutex mutex_;
   std::condition_variable wake_;

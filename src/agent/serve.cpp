@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The agent itself: one thread, ordinary, which turns orders into the rooms' doings and reports what comes of
-// them.
+// The agent itself: one ordinary thread, which carries out orders with the other modules and reports the
+// results.
 #include <algorithm>
 #include <array>
 #include <cstdlib>
@@ -28,7 +28,7 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto progress_period = 1s;
 
-// By what sshd says of its connection: its client's address and port, and its own.
+// SSH_CONNECTION, which sshd sets: the client's address and port, then the server's.
 json ssh_link(const std::string& under_test) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here sets the environment
   const char* connection = std::getenv("SSH_CONNECTION");
@@ -54,7 +54,7 @@ class Agent final : public orders::Worker {
       shares_link_ = !opened.at("ssh_link").is_null() && opened.at("ssh_link").at("shared");
       return events_.tell("opened", std::move(opened));
     }
-    if (!end_) throw Error(3, "the order '" + order + "' came before 'open'");
+    if (!end_) throw Error(3, "order '" + order + "' came before 'open' (a bug: please report)");
     if (order == "start" && body.value("note_answers", false)) {
       end_->server()->note_answers();
       notes_answers_ = true;
@@ -70,7 +70,7 @@ class Agent final : public orders::Worker {
     else if (order == "end")
       tell_end();
     else
-      throw Error(3, "there is no order '" + order + "'");
+      throw Error(3, "unknown order '" + order + "' (a bug: please report)");
   }
 
   milliseconds go_on() override {
@@ -85,7 +85,7 @@ class Agent final : public orders::Worker {
   std::vector<std::string> give_back() noexcept override { return {}; }
 
  private:
-  // What a client is at.
+  // What a client does at the moment.
   enum class Stage { idle, matching, warming_up, measuring };
 
   void start(std::chrono::nanoseconds wait) {
@@ -102,7 +102,7 @@ class Agent final : public orders::Worker {
                    {reinterpret_cast<const std::uint8_t*>(answers.data()), count * sizeof answers.front()});
   }
 
-  // Who is told of the end waits for no answers any more.
+  // After `ended` the coordinator takes no more answers.
   void tell_end() {
     if (notes_answers_) tell_answers();
     events_.tell("ended", end_->ended());
@@ -112,15 +112,15 @@ class Agent final : public orders::Worker {
     if (end_->client() != nullptr && !end_->endpoint().matched().both()) {
       if (Clock::now() < until_) return 5ms;
       const auto seen = end_->endpoint().seen();
-      throw Unanswered(
-          fmt::format("no pong was found over {} within {:g} s{}. Is `ontime pong --transport {}` running on "
-                      "the other machine, in the same domain ({}), on the same link?",
-                      end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
-                      end_->task().transport, end_->task().config.domain));
+      throw Unanswered(fmt::format(
+          "no server (pong) found over {} within {:g} s{}. Check that `ontime pong --transport {}` "
+          "runs on the other machine, in domain {}, on the same link",
+          end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
+          end_->task().transport, end_->task().config.domain));
     }
     if (auto* neighbours = end_->neighbours(); neighbours != nullptr && !neighbours->matched()) {
       if (Clock::now() < until_) return 5ms;
-      throw Unanswered(fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
+      throw Unanswered(fmt::format("background topics ({} …) found no peer over {} within {:g} s",
                                    roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
                                    end_->task().transport, seconds(wait_)));
     }
@@ -135,7 +135,7 @@ class Agent final : public orders::Worker {
         std::make_unique<Recorder>(*end_->client(), events_, end_->task().client.schedule,
                                    shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     end_->client()->start();
-    // What the warm-up may take: its own messages' time, and what is left of the wait.
+    // Time limit of the warm-up: the time of its messages, and the wait.
     const auto& options = end_->task().client;
     until_ = Clock::now() + wait_ + options.period * static_cast<std::int64_t>(options.warm_up);
     stage_ = Stage::warming_up;
@@ -148,26 +148,24 @@ class Agent final : public orders::Worker {
       stage_ = Stage::idle;
       events_.tell("ready");
     } else if (Clock::now() > until_) {
-      throw Unanswered(
-          fmt::format("pong was found over {}, but it answered {} of the {} messages of the warm-up within "
-                      "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
-                      "carries, or does a firewall drop it{}{}?",
-                      end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
-                      seconds(wait_ + end_->task().client.period *
-                                          static_cast<std::int64_t>(end_->task().client.warm_up)),
-                      client.counters().wrong_size > 0 ? ", or does another program answer (payloads of "
-                                                         "another size came back)"
-                                                       : "",
-                      end_->task().neighbours.callback.count() > 0
-                          ? ", or do the neighbours' callbacks (neighbours.callback) keep its thread"
-                          : ""));
+      throw Unanswered(fmt::format(
+          "the server (pong) over {} answered {} of {} warm-up messages within {:g} s. Possible "
+          "causes: the payload is larger than the server accepts (pong --payload SIZE) or the "
+          "link carries; a firewall drops it{}{}",
+          end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
+          seconds(wait_ +
+                  end_->task().client.period * static_cast<std::int64_t>(end_->task().client.warm_up)),
+          client.counters().wrong_size > 0 ? "; another program answers (with payloads of another size)" : "",
+          end_->task().neighbours.callback.count() > 0
+              ? "; callbacks of background topics (neighbours.callback) keep its thread busy"
+              : ""));
     }
     return 5ms;
   }
 
   void begin() {
     end_->begin();
-    // What is no part of the measurement pre-empts nothing that is.
+    // SCHED_BATCH: this thread must not pre-empt a measuring thread.
     const sched_param none{};
     sched_setscheduler(0, SCHED_BATCH, &none);
     events_.tell("begun");

@@ -25,7 +25,7 @@ struct Error : std::runtime_error {
 // Files of control groups (cgroup.procs) that a process enters before it is anything else.
 using Groups = std::vector<std::string>;
 
-// What this machine has for load, but for a reserve of its own.
+// Memory and disk that load may use: what is available, less a reserve for the machine.
 struct Room {
   std::uint64_t memory_bytes, disk_bytes;
   bool disk_is_memory;  // as on a tmpfs
@@ -35,46 +35,46 @@ struct Fitted {
   Workers workers;     // with all sizes stated
   std::string scaled;  // which default was too large here, for people; "": none
 };
-// Sizes that are not stated are those of the paper's `stress`, 256 MiB of each vm and 1 GiB of each hdd
-// worker, or what this room has for each. Takes it from the room. Throws Error where what is stated is more.
+// A size that is not stated is the paper's: 256 MiB for each vm worker and 1 GiB for each hdd worker, or less
+// if the room is smaller. Subtracts it from the room. Throws Error if a stated size does not fit.
 Fitted fit(const Workers&, Room&);
 
-// Runs from its making to its destruction, which ends it and waits until nothing of it is left, or some
-// seconds where the kernel does not let it go. However the thread that made it ends, it is killed then.
+// Runs as long as this object lives. The destructor ends it and waits until no process is left, or some
+// seconds if the kernel does not let one go. When the thread that created it ends, in any way, it is killed.
 class StressLoad {
  public:
   virtual ~StressLoad() = default;
   virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
-  // Has it end; to be called until it returns true: nothing of it is left. Returns at once.
+  // Ends it without waiting. Call it again until it returns true: no process is left.
   virtual bool end() = 0;
   virtual std::string name() const = 0;        // for people: "stress-ng (process 4711)"
-  virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: there is none
-  // Looks how large the file of each hdd worker is. Returns the largest that was seen until now, of the
-  // worker with the smallest; 0: none yet. To be asked now and then, as a file grows and is begun anew.
+  virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: no vm worker
+  // Looks at the file of each hdd worker, and returns the smallest of the largest sizes seen of each; 0: none
+  // yet. Call it now and then: a file grows and is then started anew.
   virtual std::uint64_t hdd_bytes() = 0;
 };
-// stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has; of the user nobody, if the
+// stress-ng as an ordinary process (SCHED_OTHER and any CPU, whatever the caller has; user nobody if the
 // caller is root), with its temporary files in `directory`, in these groups. Returns once its workers run,
-// each vm worker has the memory that is stated, and small files of hdd workers were seen. Throws Error if it
-// is missing (says the package) or ends at once (says what it said).
+// each vm worker has its stated memory, and small files of hdd workers were seen. Throws Error if it is
+// missing (with the package) or ends at once (with its output).
 std::unique_ptr<StressLoad> stress(const Workers&, const std::string& directory, const Groups& = {});
 
-// One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
+// One direction of concurrent traffic, at one of its two ends: UDP, by iperf3.
 struct Stream {
   std::vector<std::string> place{};  // words before the command: {"ip", "netns", "exec", "left"}
   bool serves = false;               // serves one client; else it is the client
-  bool receives = false;             // of who asks: the traffic comes here
-  std::string address{};             // where it is served
-  std::string interface {};          // that it takes at this end, and no other; "": whichever leads there
+  bool receives = false;             // set by the client: the traffic flows to it
+  std::string address{};             // of the server
+  std::string interface {};          // to which it binds; "": any
   int port = 0;
-  // Of payload: without the headers of UDP, IP and Ethernet. Who serves refuses more than twice that; 0:
-  // nothing.
+  // Rate of payload, without UDP, IP and Ethernet headers. The server refuses more than twice that; 0: no
+  // limit.
   std::uint64_t bits_per_s = 0;
-  std::uint64_t datagram_bytes = 0;  // of who asks
+  std::uint64_t datagram_bytes = 0;  // set by the client
   int priority = 0;                  // SCHED_FIFO, of iperf3 itself; 0: ordinary
   Groups groups{};
 };
-// What one end says it has sent, or received, since it began.
+// What one end reports as sent or received since its start.
 struct Moved {
   // Of its own clock, up to its last report, which is 0.2 s old at most if it is not starved.
   double seconds = 0;
@@ -85,41 +85,41 @@ class Traffic {
  public:
   virtual ~Traffic() = default;
   virtual bool running() = 0;
-  virtual Moved moved() = 0;  // to be asked once a minute at least: it blocks while its output is not read
+  virtual Moved moved() = 0;  // call it at least once a minute: else iperf3's output fills the pipe
 };
-// Returns once it waits to be asked, or traffic flows. Throws Error if it is missing (says the package), or
-// ends at once (says what it said).
+// Returns once the server listens, or traffic flows. Throws Error if iperf3 is missing (with the package) or
+// ends at once (with its output).
 std::unique_ptr<Traffic> traffic(const Stream&);
 
-// Throws Error that names the first that this kernel has not, by its key; changes nothing. Needs root.
+// Throws Error for the first fault that this kernel lacks, with its key. Changes nothing. Needs root.
 void check(const Faults&);
 
-// An end's interface with such faults, and the account of it, until its end, which gives it back.
+// Faults and counters on an end's interface. The destructor removes them.
 class Link {
  public:
   struct Place {
-    std::string host;   // whose end: names what is made
-    std::string netns;  // as `ip netns` has it; "": this process's
+    std::string host;   // names the nftables tables
+    std::string netns;  // as named by `ip netns`; "": this process's
     std::string interface;
   };
-  // Throws Error or journal::Error, and then nothing is changed. `traffic_ports`: UDP's,
-  // what goes by which is not counted.
+  // Throws Error or journal::Error, and then nothing is changed. `traffic_ports`: UDP ports that are not
+  // counted.
   Link(journal::Journal&, const Place&, const Faults&, const std::vector<int>& traffic_ports);
   ~Link();
   Link(const Link&) = delete;
   Link& operator=(const Link&) = delete;
 
-  // Nothing that comes arrives, for that long from now on: the kernel itself ends it.
+  // Drops all incoming frames for that time; the kernel itself ends the cut.
   void cut(std::chrono::milliseconds) const;
   struct Counts {
     std::uint64_t lost = 0, cut_off = 0, duplicated = 0;  // frames
     std::uint64_t sent_bytes = 0, received_bytes = 0;     // of IP, before and after the faults
     struct Etf {
-      std::uint64_t launched = 0, dropped = 0;  // frames: in time, and of which the time had passed, or none
+      std::uint64_t launched = 0, dropped = 0;  // frames: in time; too late, or without a time
     };
-    std::optional<Etf> etf{};  // of those that there are, if any
+    std::optional<Etf> etf{};  // sum over all etf qdiscs, if any
   };
-  // Throws Error if the rules that count, or the faults, are not there any more.
+  // Throws Error if another process removed the counters or the faults.
   Counts counts() const;
 
  private:
@@ -128,10 +128,10 @@ class Link {
   const Place place_;
   std::string qdisc_;  // as the journal has it; "": none
   bool has_etf_;
-  std::size_t counters_;  // that it has made
+  std::size_t counters_;  // how many it created
 };
 
-// What of it a journal may have to give back.
+// The journal kinds of this module.
 std::span<const journal::Kind> kinds();
 
 }  // namespace ontime::background

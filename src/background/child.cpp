@@ -48,7 +48,7 @@ bool gone(int pidfd) {
   return poll(&ended, 1, 0) > 0;
 }
 
-// Straight to the kernel: a sanitizer's sigaction() would take note of it in the memory that is the parent's.
+// By system call: a sanitizer's sigaction() would record it in the parent's memory.
 void default_all_signals() {
   constexpr std::array<unsigned long, 4> by_default{};  // the kernel's struct sigaction with SIG_DFL
   constexpr std::size_t mask_bytes = 8;
@@ -68,7 +68,7 @@ void become_ordinary() {
   pthread_sigmask(SIG_SETMASK, &none, nullptr);
 }
 
-// Runs in the parent's memory while the parent waits, so: system calls, and nothing else.
+// Runs in the parent's memory while the parent waits: only system calls are allowed.
 int run(void* argument) {
   auto* const plan = static_cast<Plan*>(argument);
   prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -91,7 +91,7 @@ int run(void* argument) {
   _exit(127);
 }
 
-// A handler of ours must not run in the child, which would run it in our memory.
+// No signal handler may run in the child: it would run in the parent's memory.
 class SignalsBlocked {
  public:
   SignalsBlocked() {
@@ -107,7 +107,7 @@ class SignalsBlocked {
   sigset_t before_;
 };
 
-// A leader of a PID namespace has ended only when all its descendants have; elsewhere they may come later.
+// The leader of a PID namespace ends after all its descendants; without a namespace they may end later.
 bool group_gone(pid_t group) {
   const auto all = processes();
   return std::none_of(all.begin(), all.end(), [group](const Process& process) {
@@ -144,7 +144,7 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 
 std::vector<std::string> as_nobody() {
   if (geteuid() != 0) return {};
-  // A change of the user makes the kernel forget who is to be killed with whom: it is said again.
+  // The kernel clears the parent-death signal when the user changes, so setpriv sets it again.
   return {"setpriv",
           fmt::format("--reuid={}", nobody),
           fmt::format("--regid={}", nobody),
@@ -173,7 +173,7 @@ bool Child::end() {
   return true;
 }
 
-// Leaves it to be waited for: its id, and its group's, must not become another's meanwhile.
+// Does not reap the process: its id and its group's must not be reused yet.
 bool Child::ended() const {
   siginfo_t info{};
   return pid_ < 0 || waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
@@ -186,7 +186,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
   const auto started = start(command, output.fd());
   if (started.pid < 0) {
     if (started.error == ENOENT)
-      throw Error(fmt::format("there is no {}: install it (sudo apt install {})", command.front(), package));
+      throw Error(fmt::format("{} is not installed. Fix: sudo apt install {}", command.front(), package));
     throw Error(fmt::format("{} cannot be started: {}", command.front(),
                             std::generic_category().message(started.error)));
   }
@@ -200,7 +200,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
       limit);
   if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
   const bool ended = info.si_pid == started.pid;
-  throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end",
+  throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "timed out",
                           output.text().substr(0, 2000)));
 }
 

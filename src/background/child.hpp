@@ -26,15 +26,15 @@ struct Started {
 Started start(const std::vector<std::string>& command, int output,
               const std::vector<std::string>& groups = {});
 
-// The user that load and traffic run as: neither root's reserves nor its rights are for them.
+// The user that load and traffic run as: they must not have root's reserves or rights.
 inline constexpr uid_t nobody = 65534;
 
 // Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
 // with the thread that started it. None for a caller that is not root.
 std::vector<std::string> as_nobody();
 
-// Such a process, until this ends: it and all of its group are ended then, and waited for; but for some
-// seconds only where the kernel does not let one go: that one is killed, and ends when the kernel does.
+// Owns such a process. The destructor ends it and its group, and waits; only some seconds if the kernel does
+// not let one go: that one is killed, and ends later.
 class Child {
  public:
   explicit Child(pid_t pid) : pid_(pid) {}
@@ -52,7 +52,7 @@ class Child {
   std::optional<std::chrono::steady_clock::time_point> asked_;
 };
 
-// Runs a program to its end, of which there is a limit, and returns what it wrote. Throws Error with that if
+// Runs a program until it ends, at most for `limit`, and returns its output. Throws Error with that output if
 // it fails, or with the package to install if it is missing.
 std::string output_of(const std::vector<std::string>& command, const std::string& package,
                       std::chrono::nanoseconds limit = std::chrono::seconds(10));
@@ -71,7 +71,7 @@ class Output {
   int fd_;
 };
 
-// Looks now and then; false if the limit came first.
+// Polls the condition; false if the limit passes first.
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
 
 struct Process {
@@ -83,7 +83,7 @@ struct Process {
   bool ended() const { return state == 'Z' || state == 'X'; }  // but not yet waited for
 };
 
-// Of the text of /proc/PID/stat; nothing if it is no such text.
+// Parses the text of /proc/PID/stat; nothing if it is malformed.
 std::optional<Process> parse_stat(const std::string& text);
 std::vector<Process> processes();
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link's faults. Loss, duplicates and a cut are nftables', on every kernel alike; delay and what follows
-// from it need netem. What is lost is lost where it comes in: so the interfaces at both ends have counted it,
-// as those of a wire that loses it behind the one and before the other do not.
+// The link's faults. nftables makes loss, duplicates and cuts, on every kernel; delay, jitter and reordering
+// need netem. Frames are dropped at ingress, so the interfaces at both ends have counted them. A real wire
+// that loses a frame differs: the receiving interface does not count it.
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -28,7 +28,7 @@ constexpr std::uint32_t mark = 0x6f6e74;          // of what has gone twice alre
 constexpr int before_all = -500;                  // of a hook's priorities
 constexpr const char* longest_queue = "1000000";  // frames: what waits for a delay is not lost by it
 
-// What matches that share of the frames. (nftables takes no number for all of them.)
+// A rule that matches this share of the frames; empty for all, which nftables cannot state as a number.
 std::string some(double share) {
   const auto part = static_cast<int>(std::lround(share * parts));
   return part < parts ? fmt::format("numgen random mod {} < {} ", parts, part) : "";
@@ -42,7 +42,7 @@ std::string duplicate_chain(const std::string& interface, double share) {
       interface, before_all, mark, some(share));
 }
 
-// What comes and goes as frames.
+// Rules that see frames.
 std::string faults_table(const std::string& table, const std::string& interface, const Faults& faults) {
   std::string text = fmt::format(
       "table netdev {} {{\n"
@@ -55,13 +55,13 @@ std::string faults_table(const std::string& table, const std::string& interface,
   return text + "}\n";
 }
 
-// What comes and goes as whole datagrams, whatever of it is fragments.
+// Rules that see whole datagrams, not their fragments.
 std::string counting_table(const std::string& table, const std::string& interface,
                            const std::vector<int>& others, const Faults& faults) {
   const auto except =
       others.empty() ? ""
                      : fmt::format("udp dport != {{ {0} }} udp sport != {{ {0} }} ", fmt::join(others, ", "));
-  // What a socket would say by SO_PRIORITY: the same for each packet, of any sender.
+  // Like SO_PRIORITY of a socket, but for each packet of any sender.
   std::string priorities;
   if (faults.message_priority)
     priorities += fmt::format("oifname \"{}\" meta l4proto udp {}meta priority set {};\n", interface, except,
@@ -97,7 +97,7 @@ std::vector<std::string> netem(const std::string& command, const std::string& in
 
 bool needs_netem(const Faults& faults) { return faults.delay.count() > 0; }
 
-// The keys that a fault is asked for by, and whether the kernel accepts it on an unused interface.
+// Tries on an unused interface whether the kernel accepts a fault; `keys`: the YAML keys of that fault.
 void try_it(const char* keys, const char* needs, const std::function<void()>& attempt) {
   try {
     attempt();
@@ -106,8 +106,8 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
   }
 }
 
-// Some want more queues than the loopback has, or a card that does it: whether they are there is seen by how
-// they are refused.
+// Some qdiscs need more queues than loopback has, or a card that offloads them. The kind of error tells
+// whether the kernel has them.
 void try_discipline(const std::vector<std::string>& words) {
   const auto& name = words.front();
   try {
@@ -116,18 +116,18 @@ void try_discipline(const std::vector<std::string>& words) {
   } catch (const Error& error) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
-      throw Error(fmt::format("link.qdisc: this kernel lacks {0}, module sch_{0}: {1}", name, said));
+      throw Error(fmt::format("link.qdisc: this kernel lacks qdisc {0} (module sch_{0}): {1}", name, said));
     const bool is_cards = std::ranges::count(words, "offload") > 0;
     if (name == "mqprio" || name == "taprio" || is_cards) return;
-    throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", fmt::join(words, " "), said));
+    throw Error(fmt::format("link.qdisc: tc rejects '{}': {}", fmt::join(words, " "), said));
   }
 }
 
-// What all etf of an interface did since they are there.
+// Sums over all etf qdiscs of an interface, since each was created.
 Link::Counts::Etf count_etf(const std::string& interface) {
   const auto answer =
       json::parse(tc({"-statistics", "-json", "qdisc", "show", "dev", interface}), nullptr, false);
-  if (!answer.is_array()) throw Error("tc -statistics -json qdisc show: that is no JSON");
+  if (!answer.is_array()) throw Error("tc -statistics -json qdisc show: the output is not JSON");
   Link::Counts::Etf sum;
   bool found = false;
   for (const auto& qdisc : answer) {
@@ -136,7 +136,7 @@ Link::Counts::Etf count_etf(const std::string& interface) {
     sum.launched += qdisc.value("packets", std::uint64_t{0});
     sum.dropped += qdisc.value("drops", std::uint64_t{0});
   }
-  if (!found) throw Error(fmt::format("the etf of {} is gone: another process removed it", interface));
+  if (!found) throw Error(fmt::format("the etf qdisc of {} is gone: another process removed it", interface));
   return sum;
 }
 
@@ -146,19 +146,19 @@ void check(const Faults& faults) {
   if (!faults.any()) return;
   const auto try_all = [&] {
     if (unshare(CLONE_NEWNET) != 0)
-      throw Error("a network namespace to try it in cannot be made: " +
+      throw Error("cannot create a network namespace for the check: " +
                   std::generic_category().message(errno));
     const std::string table = std::string(journal::own_prefix) + "check", interface = "lo";
     if (needs_netem(faults))
-      try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
+      try_it("link.delay, link.jitter, link.reorder", "qdisc netem (module sch_netem)",
              [&] { tc(netem("add", interface, faults)); });
     if (!faults.qdisc.empty())
       for (const auto& one : conditions::disciplines_of(faults.qdisc)) try_discipline(one.words);
     if (faults.loss > 0 || faults.cut)
-      try_it("link.loss, link.cut", "nftables' hook ingress of the family netdev, from Linux 4.10 on",
+      try_it("link.loss, link.cut", "the nftables hook ingress of family netdev (Linux 4.10 or newer)",
              [&] { nft(faults_table(table, interface, {.loss = faults.loss, .cut = faults.cut})); });
     if (faults.duplicates > 0)
-      try_it("link.duplicate", "nftables' hook egress of the family netdev, from Linux 5.16 on",
+      try_it("link.duplicate", "the nftables hook egress of family netdev (Linux 5.16 or newer)",
              [&] { nft(faults_table(table + "-more", interface, {.duplicates = faults.duplicates})); });
   };
   std::async(std::launch::async, try_all).get();  // the namespace goes with the thread
@@ -171,11 +171,11 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
       has_etf_(conditions::has_etf(faults.qdisc)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!journal::is_interface_name(place_.interface))
-    throw Error(fmt::format("'{}' cannot have link faults", place_.interface));
-  // The kernel, from Linux 6.16 on, takes rules for one that may come.
+    throw Error(fmt::format("link faults: '{}' is not an interface name", place_.interface));
+  // From Linux 6.16 on the kernel accepts rules for an interface that does not exist yet.
   journal::within_namespace(place_.netns, [&] {
     if (if_nametoindex(place_.interface.c_str()) == 0)
-      throw Error(fmt::format("there is no interface '{}' for link faults", place_.interface));
+      throw Error(fmt::format("link faults: interface '{}' does not exist", place_.interface));
   });
   const auto table = journal::own_prefix + place_.host;
   const auto make = [&](const char* family, const std::string& text) {
@@ -243,8 +243,8 @@ Link::Counts Link::counts() const {
     if (has_etf_) counts.etf = count_etf(place_.interface);
   });
   if (found < counters_)
-    throw Error(fmt::format("of the {} counters on {} {} are gone: another process removed nftables' rules",
-                            counters_, place_.interface, counters_ - found));
+    throw Error(fmt::format("{} of {} counters on {} are gone: another process removed nftables rules",
+                            counters_ - found, counters_, place_.interface));
   return counts;
 }
 

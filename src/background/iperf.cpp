@@ -30,7 +30,7 @@ class Pipe {
  public:
   Pipe() {
     if (pipe2(ends_.data(), O_CLOEXEC) != 0)
-      throw Error("no pipe to iperf3: " + std::generic_category().message(errno));
+      throw Error("cannot create a pipe for iperf3: " + std::generic_category().message(errno));
     fcntl(ends_[0], F_SETFL, O_NONBLOCK);
   }
   ~Pipe() {
@@ -53,7 +53,7 @@ class Pipe {
   std::array<int, 2> ends_{-1, -1};
 };
 
-// Not within a container, say, which may have neither the command for it nor the user.
+// A container, for example, may have neither setpriv nor the user nobody.
 bool can_be_nobody(const std::vector<std::string>& place) { return place.empty() || place.front() == "ip"; }
 
 std::vector<std::string> command_for(const Stream& stream) {
@@ -89,10 +89,10 @@ class Iperf final : public Traffic {
     child_ = std::make_unique<Child>(started.pid);
     wait_until([this] { return child_->ended() || (read(), ready()); }, time_to_start);
     if (child_->ended() || !ready()) {
-      const char* const what = child_->ended() ? "ended at once" : "does not begin";
+      const char* const what = child_->ended() ? "ended at once" : "did not start in time";
       child_.reset();
       read();
-      fail(fmt::format("{}; it said:\n{}", what, said_));
+      fail(fmt::format("{}; its output:\n{}", what, said_));
     }
   }
 
@@ -108,8 +108,7 @@ class Iperf final : public Traffic {
   [[noreturn]] void fail(const std::string& what, int error = 0) const {
     const bool missing =
         error == ENOENT || (said_.find("iperf3") != said_.npos && said_.find("No such file") != said_.npos);
-    if (missing)
-      throw Error("traffic was asked for, but there is no iperf3: install it (sudo apt install iperf3)");
+    if (missing) throw Error("traffic needs iperf3, which is not installed. Fix: sudo apt install iperf3");
     throw Error(fmt::format("{} {}", fmt::join(command_, " "), what));
   }
 

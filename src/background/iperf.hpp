@@ -7,13 +7,12 @@
 
 namespace ontime::background {
 
-// One of its reports: of a stretch of its own time, in seconds since it began.
+// One report: an interval of iperf3's own time, in seconds since its start.
 struct Interval {
   double from_s, to_s;
   double bits;
 };
-// Of one line; nothing if it is no such report. The sums at the end, which say "sender" or "receiver", are
-// none.
+// Parses one line; nothing if it is not such a report. The sums at the end ("sender", "receiver") are not.
 std::optional<Interval> parse_interval(const std::string& line);
 
 }  // namespace ontime::background

@@ -46,7 +46,7 @@ bool is_there(const std::string& netns) {
   return netns.empty() || std::filesystem::exists("/run/netns/" + netns, ignored);
 }
 
-// In the network namespace; and what went wrong there is the journal's to tell.
+// Runs the job in the network namespace; its errors become journal errors.
 template <class Job>
 void inside(const std::string& netns, Job job) {
   try {
@@ -84,7 +84,8 @@ Value read_table(const std::string& what) {
 void write_table(const std::string& what, const Value& value, const Value& present) {
   const auto parts = parts_of(what);
   if (!value && read_table(what) != present && present != journal::to_be_made)
-    throw journal::Error(fmt::format("nftables' table {} cannot be removed: it is another one", what));
+    throw journal::Error(
+        fmt::format("nftables table {} is not removed: another process has replaced it", what));
   inside(parts[0],
          [&] { nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2])); });
 }
@@ -105,8 +106,8 @@ bool accepts_qdisc(const std::string& what) {
          (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
 }
 
-// By the name that it has now, in the network namespace of the caller; nothing: it is gone, and its
-// discipline with it, as where it was moved.
+// Its name now, in the caller's network namespace; nothing: the interface, and its qdisc, are gone, or it was
+// moved to another namespace.
 std::optional<std::string> name_now(const std::string& interface) {
   if (!is_numbered_interface(interface)) return interface;
   std::array<char, IF_NAMESIZE> name{};
@@ -122,7 +123,7 @@ Value read_qdisc(const std::string& what) {
     const auto name = name_now(parts[1]);
     if (!name) return;
     const auto answer = json::parse(tc({"-json", "qdisc", "show", "dev", *name}), nullptr, false);
-    if (!answer.is_array()) throw Error("tc -json qdisc show: that is no JSON");
+    if (!answer.is_array()) throw Error("tc -json qdisc show: the output is not JSON");
     for (const auto& qdisc : answer) {
       // The kernel's own choice has no handle.
       if (!qdisc.value("root", false) || qdisc.value("handle", "0:") == "0:") continue;
@@ -152,13 +153,13 @@ void make_qdisc(const std::string& interface, const std::string& words) {
 void write_qdisc(const std::string& what, const Value& value, const Value& present) {
   const auto parts = parts_of(what);
   if (value && present)
-    throw journal::Error(
-        fmt::format("{} has a queueing discipline already ({}), which link.delay or link.qdisc would take "
-                    "the place of: remove it (tc qdisc del dev {} root)",
-                    parts[1], *present, parts[1]));
+    throw journal::Error(fmt::format(
+        "{0} already has a qdisc ({1}), which link.delay or link.qdisc would replace. Fix: tc qdisc "
+        "del dev {0} root",
+        parts[1].substr(parts[1].find(':') + 1), *present));
   inside(parts[0], [&] {
     const auto name = name_now(parts[1]);
-    if (!name) throw Error(fmt::format("interface {} is not there any more", parts[1]));
+    if (!name) throw Error(fmt::format("interface {} does not exist any more", parts[1]));
     if (!value)
       tc({"qdisc", "del", "dev", *name, "root"});
     else
@@ -173,7 +174,7 @@ std::string nft(const std::string& commands) { return output_of({"nft", commands
 std::vector<json> nft_list(const std::string& kind) {
   const auto command = "list " + kind + "s";
   const auto answer = json::parse(output_of({"nft", "--json", command}, "nftables"), nullptr, false);
-  if (!answer.is_object()) throw Error("nft --json " + command + ": that is no JSON");
+  if (!answer.is_object()) throw Error("nft --json " + command + ": the output is not JSON");
   std::vector<json> all;
   for (const auto& entry : answer.value("nftables", json::array()))
     all.push_back(entry.value(kind, json::object()));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Load is held against what the machine has: what is too much for it measures the kernel's way out of need.
+// Load must fit the machine: with too much of it a run measures swapping and the OOM killer.
 #include <algorithm>
 #include <cerrno>
 #include <fstream>
@@ -30,8 +30,8 @@ std::string in_words(std::uint64_t bytes) {
                                                         : fmt::format("{} bytes", bytes);
 }
 
-// Of each worker of a kind: what is stated, if there is room for it, or else as much of the usual as there
-// is.
+// The size of each worker of a kind: the stated size, which must fit; else the usual size, or less where that
+// does not fit.
 std::uint64_t size_of_each(const char* kind, int workers, std::uint64_t stated, std::uint64_t usual,
                            std::uint64_t room, const char* of_what, std::string& scaled) {
   if (workers <= 0) return stated;
@@ -39,12 +39,12 @@ std::uint64_t size_of_each(const char* kind, int workers, std::uint64_t stated, 
   const auto most = room / static_cast<std::uint64_t>(workers);
   if (wanted <= most) return wanted;
   if (stated > 0 || most < mebibyte)
-    throw Error(fmt::format(
-        "load: {0} {1} workers of {2} each need more {3} than this machine can give them ({4}). Have fewer "
-        "workers, or a smaller {1}-bytes",
-        workers, kind, in_words(wanted), of_what, in_words(room)));
+    throw Error(
+        fmt::format("load: {0} {1} workers of {2} each need more {3} than available: {4}. Fix: fewer "
+                    "workers, or a smaller {1}-bytes",
+                    workers, kind, in_words(wanted), of_what, in_words(room)));
   const auto fitting = most / mebibyte * mebibyte;
-  scaled += fmt::format("{}each of {} {} workers has {} in place of {}, as there is no more {}",
+  scaled += fmt::format("{}each of {} {} workers has {} instead of {}: not enough {}",
                         scaled.empty() ? "load: " : "; ", workers, kind, in_words(fitting), in_words(usual),
                         of_what);
   return fitting;
@@ -59,8 +59,8 @@ Room room_for(const std::string& directory) {
   for (std::uint64_t number = 0; file >> name >> number; std::getline(file, unit)) kilobytes[name] = number;
   struct statfs disk {};
   if (statfs(directory.c_str(), &disk) != 0)
-    throw Error(
-        fmt::format("load: {} cannot be looked at: {}", directory, std::generic_category().message(errno)));
+    throw Error(fmt::format("load: cannot read the free space of {}: {}", directory,
+                            std::generic_category().message(errno)));
   const auto block = static_cast<std::uint64_t>(disk.f_bsize);
   return {without(kilobytes["MemAvailable:"] * 1024, reserve_of(kilobytes["MemTotal:"] * 1024)),
           without(disk.f_bavail * block, reserve_of(disk.f_blocks * block)), disk.f_type == TMPFS_MAGIC};

@@ -28,18 +28,19 @@ constexpr auto longest_look = 3s;
 
 void add(std::vector<std::string>& command, const char* kind, int workers, std::uint64_t bytes = 0) {
   if (workers < 0)
-    throw Error(fmt::format("{} workers of stress-ng --{} make no load: 0 or more", workers, kind));
+    throw Error(fmt::format("load: {} {} workers requested; the number must be 0 or more", workers, kind));
   if (workers == 0) return;
   command.insert(command.end(), {fmt::format("--{}", kind), std::to_string(workers)});
   if (bytes == 0) return;
   // stress-ng divides what it is told among the workers of a kind; `stress` gave it to each.
   std::uint64_t of_all = 0;
   if (__builtin_mul_overflow(bytes, static_cast<std::uint64_t>(workers), &of_all))
-    throw Error(fmt::format("{} {} workers of {} bytes each are too much", workers, kind, bytes));
+    throw Error(
+        fmt::format("load: {} {} workers of {} bytes each are more than 2^64 bytes", workers, kind, bytes));
   command.insert(command.end(), {fmt::format("--{}-bytes", kind), std::to_string(of_all)});
 }
 
-// Its files lie where it is started, so that the user nobody needs no way there.
+// Its files lie in its working directory, so the user nobody needs no access to the folders above.
 std::vector<std::string> command_for(const Workers& workers, const std::string& directory) {
   constexpr const char* for_ever = "0";  // without it, stress-ng ends after a day
   std::vector<std::string> command = {"env", "--chdir=" + directory};
@@ -60,7 +61,7 @@ long children_of(pid_t pid) {
 }
 
 Error missing() {
-  return Error("load was requested, but there is no stress-ng: install it (sudo apt install stress-ng)");
+  return Error("load needs stress-ng, which is not installed. Fix: sudo apt install stress-ng");
 }
 
 // The most that a process has had mapped; 0: it has ended.
@@ -113,17 +114,17 @@ class HddFiles {
   std::map<pid_t, std::uintmax_t> largest_;  // that was seen, by worker
 };
 
-// Where the command is written to, and the folder is this one's to remove.
+// The folder of the temporary files of stress-ng.
 class Folder {
  public:
   explicit Folder(const std::string& parent) : path_(parent + "/stress-ng-XXXXXX") {
     const bool made = mkdtemp(path_.data()) != nullptr;
     if (!made || (geteuid() == 0 && chown(path_.c_str(), nobody, nobody) != 0))
-      throw Error(fmt::format("load: folder {} cannot be made for stress-ng: {}", path_,
+      throw Error(fmt::format("load: cannot create folder {} for stress-ng: {}", path_,
                               std::generic_category().message(errno)));
   }
   ~Folder() {
-    std::error_code none;  // whose parent has an owner who says so
+    std::error_code none;  // the journal removes the parent folder and reports what remains
     std::filesystem::remove_all(path_, none);
   }
   Folder(const Folder&) = delete;
@@ -162,8 +163,7 @@ class Stress final : public StressLoad {
 std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& directory,
                                    const Groups& groups) {
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
-  if (wanted == 0)
-    throw Error("load without a worker was asked for: name a number of cpu, vm, io or hdd workers");
+  if (wanted == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
   auto folder = std::make_unique<Folder>(directory);
   const auto command = command_for(workers, folder->path());
   const Output output;
@@ -192,14 +192,14 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
   }
   auto what = child->ended()     ? "ended at once"
               : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)
-                                 : fmt::format("has workers of other sizes than {} bytes: {}",
-                                               workers.vm_bytes, fmt::join(mapped, ", "));
+                                 : fmt::format("maps {} bytes in its vm workers, requested {} each",
+                                               fmt::join(mapped, ", "), workers.vm_bytes);
   child.reset();
   const auto said = output.text();
-  // Who was to start it says so, and not itself.
+  // These programs start stress-ng, and report that it is missing.
   const bool is_others = said.starts_with("env:") || said.starts_with("setpriv:");
   if (is_others && said.find("No such file or directory") != said.npos) throw missing();
-  throw Error(fmt::format("{} {}; it said:\n{}", fmt::join(command, " "), what, said));
+  throw Error(fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said));
 }
 
 }  // namespace ontime::background

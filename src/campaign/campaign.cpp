@@ -22,7 +22,7 @@ std::string text_of(const Run& run, const std::string& what) {
   return fmt::format("{}{} over {}: {}", where, run.id, run.task.transport, what);
 }
 
-// Told once, however many runs it costs.
+// Reports each failure once, however many runs fail with it.
 class Failures {
  public:
   explicit Failures(Observer& observer) : observer_(observer) {}
@@ -33,7 +33,7 @@ class Failures {
   }
   void sum_up() const {
     for (const auto& [what, ids] : runs_)
-      if (ids.size() > 1) observer_.note(fmt::format("{} runs failed so: {}", ids.size(), what));
+      if (ids.size() > 1) observer_.note(fmt::format("{} runs failed with: {}", ids.size(), what));
   }
 
  private:
@@ -41,8 +41,7 @@ class Failures {
   std::map<std::string, std::vector<std::string>> runs_;
 };
 
-// Carries runs out, one after the other, and sees to it that what each leaves in the record says how it
-// ended.
+// Carries out runs one after the other, and records how each ended.
 class Suite {
  public:
   Suite(record::Writer& writer, Observer& observer, Interrupts& interrupts)
@@ -57,7 +56,7 @@ class Suite {
     stated_ = hosts;
     machines_.prepare(hosts, transports);
   }
-  // What a machine lacks is said before the first run, and not when its turn comes after hours.
+  // Reports what a machine lacks before the first run, not hours later.
   void check(const Scenario& scenario) {
     for (const auto& run : scenario.runs) {
       if (run.faults.any()) machines_.check(run);
@@ -72,7 +71,7 @@ class Suite {
 
   using Numbers = std::vector<std::int64_t>;
 
-  // What came of runs at the same time.
+  // The result of runs that are measured at the same time.
   struct Result {
     int code = 0;  // to exit with: not 0 if they failed, but for those that end a search
     bool ends_search = false;
@@ -108,10 +107,10 @@ class Suite {
                       {{"error", error.what()}, {"refused_setting", error.setting}}, error.exit);
       } catch (const Error& error) {
         code = failed(session, runs.front(), numbers, {{"error", error.what()}}, error.exit);
-      } catch (const json::exception& error) {  // answered, and not as it should be
-        const auto why = fmt::format(
-            "an answer that this ontime does not understand ({}): install the same on both machines",
-            error.what());
+      } catch (const json::exception& error) {  // an answer without the expected fields
+        const auto why =
+            fmt::format("a worker sent an invalid answer ({}). Fix: install the same build on both machines",
+                        error.what());
         code = failed(session, runs.front(), numbers, {{"error", why}}, 3);
       }
       has_begun = session.has_begun();
@@ -130,8 +129,8 @@ class Suite {
   }
 
  private:
-  // What ends one of those that run at the same time ends all: it was not measured what was asked for.
-  // Returns what to exit with: 0, where that is how far a search comes.
+  // A failure of one run ends all that run at the same time: the requested conditions no longer hold. Returns
+  // the exit code: 0 if the failure is the end of a search.
   int failed(Session& session, const Run& run, const Numbers& numbers, const json& why, int exit) {
     const auto outcomes = session.salvage();
     for (std::size_t i = 0; i < numbers.size(); ++i) {
@@ -197,8 +196,8 @@ class Execution {
     }
     if (known > 0)
       observer_.note(
-          fmt::format("{} is already in the results for {} of {} components; all are measured again, because "
-                      "they run at once",
+          fmt::format("{}: {} of {} components are already in the results; all are measured again, because "
+                      "they run at the same time",
                       run.id, known, runs.size()));
     observer_.begins(run);
     auto result = suite_.carry_out(runs, wait_for_own_server, records);
@@ -206,8 +205,8 @@ class Execution {
     return result;
   }
 
-  // Of the steps that begin with this run; each as often as all runs, until it misses. A failure that says
-  // nothing of a value breaks it off.
+  // Searches the steps that begin with this run. Each is repeated like any run, until it misses. A failure
+  // that does not depend on the value ends the search.
   void search(std::size_t first) {
     const auto number_of_steps = scenario_.runs[first].step.of;
     std::vector<int> times(static_cast<std::size_t>(number_of_steps), 0);
@@ -246,7 +245,7 @@ json differences(const json& one, const json& other) {
     if (one.value(key, json()) != value) different[key] = value;
   for (const auto& [key, value] : one.items())
     if (!other.contains(key)) different[key] = "none";
-  different.erase("beside");  // words for what is here
+  different.erase("beside");  // a text about the same conditions
   return different;
 }
 
@@ -274,7 +273,7 @@ std::vector<json> asked(const Together& runs, const Hosts& hosts) {
 }
 
 void Observer::begins_listening(const Run&) {
-  throw Error(2, "listen.topics: `ontime run` alone listens beside a run; leave it out");
+  throw Error(2, "listen.topics: only `ontime run` listens during a run. Fix: remove the key");
 }
 
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,

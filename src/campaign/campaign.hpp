@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs are carried out on hosts, one after the other, into the results file.
-// Ordinary thread only. Everything here throws orders::Error with what asked, what found, what to do.
+// Carries out runs on hosts, one after the other, and writes the results file. Ordinary thread only.
+// Everything here throws orders::Error with what was requested, what was found, and what to do.
 #pragma once
 
 #include <chrono>
@@ -30,7 +30,7 @@ using namespace scenario;
 using orders::Error;  // of carrying out; what is wrong with a scenario is a scenario::Error
 
 using conditions::asked;
-// The record's form of each, with what is asked of the others and not of it: they are conditions of it, too.
+// The record of each, with the conditions in which the runs at the same time differ from it.
 std::vector<nlohmann::json> asked(const Together&, const Hosts&);
 
 // Told of what happens while it happens.
@@ -40,12 +40,12 @@ class Observer {
   virtual void note(const std::string& text) = 0;  // something a person should know
   virtual void begins(const Run&) = 0;
   virtual void passes_over(const Run&) = 0;  // it is already in the results
-  virtual void leaves_out(const Run&) = 0;   // the search that it is a step of needs it no more
+  virtual void leaves_out(const Run&) = 0;   // its search no longer needs this step
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
   virtual void recorded(std::int64_t /*run*/) {}      // its record is complete, however it ended
-  // The robot's own messages, where a run asks for them: from just before its first message, which waits
-  // until listens(), to its last. An error that these throw is the run's.
+  // Listening to the robot's own messages, if a run requests it: from just before its first message, which
+  // waits until listens(), to its last. An error that these throw fails the run.
   virtual void begins_listening(const Run&);
   virtual bool listens() { return true; }
   virtual void ends_listening(bool /*interrupted*/) {}
@@ -53,13 +53,13 @@ class Observer {
 
 using orders::Interrupts;
 
-// The outcome of a run that is already in the results; nothing if it is not. Of its record as asked, and of
-// what each host's machine is.
+// Returns the outcome of a run that is already in the results, by its requested record and its hosts'
+// machines; null if it is not.
 using Done =
     std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;
 
 // Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
-// (the others are carried out all the same), or 130. What was changed on the hosts is taken back when it
+// (the others are still carried out), or 130. What was changed on the hosts is taken back when it
 // returns or throws.
 int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line,
             const Done& done = {});
@@ -77,7 +77,7 @@ class Look {
   // only a run shows it.
   std::string why_not(const std::string& key, const std::string& value) const;
   int most_cpus() const;  // online, of the machine that has most
-  // By host: where its messages come and go when no run is made; no host where that is made for the runs.
+  // By host: the interface of its messages; empty if the interfaces are created for the runs.
   std::map<std::string, settings::Link> links() const;
 
  private:
@@ -85,11 +85,11 @@ class Look {
   std::unique_ptr<Parts> parts_;
 };
 
-// One end by hand, on this host. Of what ends before the first message is sent no run is left.
+// One end by hand, on this host. A run that ends before its first message is not recorded.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
-// Serves until interrupted. `told` is called once it serves, with the record of what it is. `closed` has what
-// there is to be kept, also where it throws.
+// Serves until interrupted. `told` is called with its record once it serves. `closed` receives what is to be
+// kept, also if this throws.
 int pong(const Run&, Observer&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
          nlohmann::json& closed);
 

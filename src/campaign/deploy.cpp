@@ -26,11 +26,11 @@ using orders::Error;
 
 constexpr int not_executable = 120, no_room = 121, other_machine = 122, libraries_missing = 123;
 
-// $1: the architecture; then, of each file, where it is to lie in the folder and its size. head takes from
-// the pipe what it is told and no byte more. A temporary folder may be mounted with noexec: then another one
-// has the program. A signal that reaches the whole session ends the keeper, for which this then cleans up. Of
-// a keeper that was killed (128 and more) a second one, without orders, gives back what its journal has: no
-// other program here could.
+// $1: the architecture; then for each file its path in the folder and its size. head reads exactly that many
+// bytes from the pipe. A temporary folder may be mounted with noexec: then another folder gets the program. A
+// signal to the whole session ends the keeper; this script then cleans up. If the keeper was killed (exit
+// code 128 or more), a second keeper without orders restores what the journal holds: no other program there
+// can.
 constexpr const char* script = R"sh(
 umask 077
 [ "$(uname -m)" = "$1" ] || { uname -m; exit 122; }
@@ -75,13 +75,11 @@ struct Part {
 Part read(const fs::path& here, const fs::path& there) {
   std::ifstream file(here, std::ios::binary);
   std::string content{std::istreambuf_iterator<char>(file), {}};
-  if (!file || content.empty())
-    throw Error(3, fmt::format("{} cannot be read, to bring it there", here.string()));
+  if (!file || content.empty()) throw Error(3, fmt::format("--deploy: cannot read {}", here.string()));
   return {there, std::move(content)};
 }
 
-// Debug information makes a program ten times as long. Where no `strip` here can
-// take that out, it goes along.
+// Debug information makes a program ten times larger; without a working `strip` here it is sent too.
 Part without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
   constexpr std::chrono::seconds limit{10};
   const auto copy = folder + "/stripped";
@@ -101,8 +99,8 @@ struct Installation {
   fs::path program, prefix;
 };
 
-// This one, unless there are others: then that machine is asked. Where it does not answer, or none is for it,
-// the session that follows says why.
+// This installation, unless there are others: then the architecture of that machine decides. If it does not
+// answer, or no installation is for it, the session that follows reports why.
 Installation installation_for(const Ssh& ssh, const std::vector<std::string>& reach) {
   constexpr std::chrono::seconds limit{30};
   const fs::path program = orders::this_program();
@@ -144,23 +142,21 @@ std::vector<Part> files(const Installation& from, const std::set<std::string>& t
 
 std::string reason_of_bringing(int code, const std::string& said) {
   if (code == not_executable)
-    return "no folder there may hold programs: the temporary folder, /var/tmp, the runtime folder and the "
-           "home are mounted with noexec. Set TMPDIR there to a folder of another mount";
-  if (code == no_room)
-    return "there is no room for ontime, or no right to write, in the temporary folder there";
+    return "no folder there can hold programs: the temporary folder, /var/tmp, the runtime folder and the "
+           "home are mounted with noexec. Fix: set TMPDIR there to a folder on another mount";
+  if (code == no_room) return "the temporary folder there is full or not writable";
   if (code == other_machine)
     return fmt::format(
-        "that machine is {}, and this ontime is for {}. Install an ontime for {} there, or for --deploy into "
-        "{} here (scripts/setup arm64 builds one for aarch64)",
+        "that machine is {}, this ontime is for {}. Fix: install ontime for {} there, or for --deploy in {} "
+        "here (`scripts/setup arm64` builds one for aarch64)",
         said, here().machine, said, (others() / said).string());
   if (code != libraries_missing) return "";
   std::istringstream words(said);
   const std::vector<std::string> libraries(std::istream_iterator<std::string>(words), {});
   const auto packages = packages_of(libraries);
   return fmt::format(
-      "libraries are missing there that ontime needs: {}{}", fmt::join(libraries, ", "),
-      packages.empty() ? ""
-                       : fmt::format(". Install them there: sudo apt install {}", fmt::join(packages, " ")));
+      "libraries are missing there: {}{}", fmt::join(libraries, ", "),
+      packages.empty() ? "" : fmt::format(". Fix there: sudo apt install {}", fmt::join(packages, " ")));
 }
 
 }  // namespace
@@ -187,7 +183,7 @@ std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
   auto words = reach;
   const auto from = installation_for(ssh, reach);
   words.insert(words.end(), {"sh", "-c", script, "ontime", from.machine});
-  auto between = ssh.between("the program that was brought");
+  auto between = ssh.between("the deployed ontime");
   for (const auto& file : files(from, transports, ssh.folder())) {
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
     between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());

@@ -19,10 +19,10 @@ constexpr std::uint64_t uncounted = 1;
 
 std::string segments(const json& host) {
   const auto names = host.value("shared_memory", std::vector<std::string>{});
-  return names.empty() ? "" : fmt::format("; this end has shared memory in use ({})", fmt::join(names, ", "));
+  return names.empty() ? "" : fmt::format("; this end uses shared memory ({})", fmt::join(names, ", "));
 }
 
-// What surely came to an end beside the messages: what of its neighbours' was received there.
+// Bytes of background topics that this end certainly received.
 std::uint64_t neighbours_bytes(const json& outcome, const char* receiver) {
   const auto neighbours = outcome.at("hosts").value(receiver, json::object()).value("neighbours", json());
   if (neighbours.is_null()) return 0;
@@ -46,16 +46,16 @@ bool one_machine_with_shared_memory(const json& hosts) {
 
 std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t payload_bytes) {
   const auto count = [&](const char* key) { return outcome.at(key).get<std::uint64_t>(); };
-  // What is certain to have passed each end both ways. What was lost may have been so before the kernel
-  // counts it: by a link that was down, or by a queue.
+  // Answered messages certainly passed each end in both directions. A lost message may have been dropped
+  // before the kernel counts it: by a queue, or because the link was down.
   const auto answered = count("on_time") + count("late");
   const auto component = outcome.at("hosts").value("component", json::object());
   const auto by_component = component.value("answered", answered);
   const bool again = component.value("started_again", false);  // it has counted since then
   if (!again && by_component + uncounted < answered)
     return fmt::format(
-        "the component answered {} messages, and {} were answered: another program was at its address, or on "
-        "its topics. Whatever was measured is not this component",
+        "the component answered {} messages, but {} answers arrived: another program uses its address or its "
+        "topics. The results do not measure this component",
         by_component, answered);
   for (const auto& [name, host] : outcome.at("hosts").items()) {
     const auto& link = host.at("link");
@@ -70,19 +70,20 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
       const auto beside = neighbours_bytes(outcome, receiver);
       if (carried >= own * message::least_frame_bytes(payload_bytes) + beside) continue;
       return fmt::format(
-          "the data did not go over {}: {} messages of {} bytes were answered{}, and of what the {} {} the "
-          "kernel counted {} bytes there{}. Whatever was measured is not this link",
+          "the data did not go over {}: {} messages of {} bytes were answered{}, but the kernel counted only "
+          "{} bytes {} there by the {}{}. The results do not measure this link",
           link.at("interface").get<std::string>(), own, payload_bytes,
-          beside > 0 ? fmt::format(" and {} bytes of neighbours received", beside) : "", name, verb, carried,
-          segments(host));
+          beside > 0 ? fmt::format(" and {} bytes of background topics received", beside) : "", carried, verb,
+          name, segments(host));
     }
   }
   if (one_machine_with_shared_memory(outcome.at("hosts")))
     return fmt::format(
-        "both ends are on one machine and have a middleware's shared memory in use{}: the data may have gone "
-        "that way, and not over the interface that was asked for. Take the shared-memory transport out of "
-        "the middleware's configuration",
-        segments(outcome.at("hosts").at("controller")));
+        "both ends are on one machine and their middleware uses shared memory ({}). The data may have "
+        "bypassed the requested interface. Fix: disable the shared-memory transport in the middleware's "
+        "configuration",
+        fmt::join(outcome.at("hosts").at("controller").at("shared_memory").get<std::vector<std::string>>(),
+                  ", "));
   return {};
 }
 
@@ -94,12 +95,12 @@ std::optional<std::string> went_past_etf(const json& outcome) {
     const auto& link = host.at("link");
     if (link.is_null() || link.contains("gone")) continue;  // unproved() says so
     const auto etf = link.value("etf", json::object());
-    // What it dropped is among what was lost, and may belong to another program.
+    // Frames that the etf dropped count as lost messages, and may belong to another program.
     const auto launched = etf.value("launched_frames", std::uint64_t{0});
     if (launched + count("lost") + uncounted >= messages) continue;
     return fmt::format(
-        "no discipline applied the messages' launch-time: the {} sent {} of them, and the etf of its "
-        "interface handed {} frames on. link.message-priority has to be of the class that the etf is below",
+        "launch-time was not applied: the {} sent {} messages, but the etf qdisc of its interface passed on "
+        "{} frames. Fix: set link.message-priority to the class of the etf",
         name, messages, launched);
   }
   return {};
@@ -110,12 +111,12 @@ std::optional<std::string> unproved(const json& outcome, const std::set<std::str
     const auto& link = host.at("link");
     if (link.is_null() || link.contains("beside_traffic")) continue;
     if (link.contains("gone"))
-      return fmt::format("that the messages took {} is not proved: on the {}, {}",
+      return fmt::format("not verified that the messages used {}: on the {}, {}",
                          link.at("interface").get<std::string>(), name, link.at("gone").get<std::string>());
     if (with_traffic.contains(name))
       return fmt::format(
-          "that the messages took {} is not proved: on the {} they could not be counted beside the traffic "
-          "(that takes messages by IP, root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
+          "not verified that the messages used {}: the {} cannot count them apart from the traffic. Needed: "
+          "an IP transport, root, nftables, and command prefix [ip, netns, exec, NAME] or none",
           link.at("interface").get<std::string>(), name);
   }
   return {};

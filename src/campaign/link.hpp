@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a run's messages went over the link that was asked for: by what the kernel counted there, not by
-// what the middlewares were told.
+// Checks whether a run's messages went over the requested link: by the kernel's counters, not by the settings
+// of the middleware.
 #pragma once
 
 #include <cstdint>
@@ -12,21 +12,19 @@
 
 namespace ontime::campaign {
 
-// Of a run's outcome (its counters, and `answered`, `link` and `shared_memory` of its hosts): what is wrong,
-// for people; nothing if the component answered what was answered, and every end's interface carried at least
-// that, or no interface was asked for. Other traffic on the link can make up for what is missing, so where
-// both ends are one machine and both have a middleware's shared memory in use, that is wrong by itself.
-// Concurrent traffic that ontime itself asked for is left out, where that could be counted
-// (`beside_traffic`).
+// From a run's outcome (its counters, and `answered`, `link` and `shared_memory` of its hosts): the error,
+// for people; nothing if the component answered all answered messages and every end's interface carried at
+// least these, or no interface was requested. Other traffic on the link can hide missing messages, so shared
+// memory of a middleware at both ends of one machine is an error by itself. Ontime's own traffic is left out
+// where it could be counted apart (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
 
-// Of a run with a launch time: whether its messages were kept for it, by what the etf counted at each end:
-// what is wrong, for people. One that went past it left at once, and its launch time was nothing but a word.
+// For a run with launch-time: the error, for people, if the etf at an end counted fewer frames than messages.
+// A message that bypasses the etf leaves at once, without its launch time.
 std::optional<std::string> went_past_etf(const nlohmann::json& outcome);
 
-// Why that proves nothing, for people: there was concurrent traffic, whosever, on the interface of an end
-// (`with_traffic`: which of its hosts), and it could not be left out; or what counts was not there to the
-// end.
+// Why went_elsewhere() verifies nothing, for people: the interface of an end (`with_traffic`: which hosts)
+// had concurrent traffic of any run that could not be left out, or its counters were removed.
 std::optional<std::string> unproved(const nlohmann::json& outcome, const std::set<std::string>& with_traffic);
 
 }  // namespace ontime::campaign

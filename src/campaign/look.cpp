@@ -26,20 +26,20 @@ struct Look::Parts {
     const auto table = settings::table();
     const auto row = std::ranges::find(table, name, &settings::Setting::name);
     if (row != table.end() && row->of_interface && hosts.kind == Hosts::Kind::loopback)
-      return "messages stay on loopback, which is no network card";
+      return "messages stay on loopback, which is not a network card";
     if (is_virtual() && name == "gro" && wishes.contains("threaded-napi"))
-      return "threaded-napi needs gro on with the namespaces' interfaces";
+      return "threaded-napi on the namespaces' interfaces needs gro: on";
     const auto looked = machines.look(wishes);
     if (looked.size() < hosts.components.size() + 1)
-      return "the place of a host is not [ip, netns, exec, NAME], where a keeper can look";
+      return "a host's command prefix is not [ip, netns, exec, NAME]: the keeper cannot read it";
     for (const auto& [host, found] : looked) {
-      if (!found.at("is_root")) return of(host, "root alone can set it: run as root");
+      if (!found.at("is_root")) return of(host, "needs root. Fix: run as root");
       if (const std::string why = found.at("cannot"); why.starts_with(name + ": "))
         return of(host, why.substr(name.size() + 2));
     }
     return "";
   }
-  // The two are made for the run, and go with it.
+  // ontime creates the interfaces for the run, and removes them with it.
   bool is_virtual() const {
     return machines.hosts().kind == Hosts::Kind::namespaces && stated.controller.interface.empty();
   }
@@ -79,7 +79,7 @@ std::map<std::string, settings::Link> Look::links() const {
   std::map<std::string, settings::Link> links;
   const auto& hosts = parts_->machines.hosts();
   if (hosts.kind == Hosts::Kind::loopback || parts_->is_virtual()) return links;
-  const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ours is the namespace
+  const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ontime created the namespace
   for (const auto& [host, looked] : parts_->machines.look({}))
     links[host] = {looked.at("interface"), is_stated ? looked.at("network_namespace") : ""};
   return links;

@@ -45,7 +45,7 @@ std::vector<std::string> command_of(const Host& host, const std::vector<std::str
   return words;
 }
 
-// What keeps machines from being ready, to be told at once.
+// Collects the problems of all machines, to report them together.
 class Problems {
  public:
   void of(const std::function<void()>& step) {
@@ -59,7 +59,7 @@ class Problems {
   void tell() const {
     if (texts_.size() == 1) throw Error(exit_, texts_.front());
     if (!texts_.empty())
-      throw Error(exit_, fmt::format("{} problems, found before anything was changed:\n  {}", texts_.size(),
+      throw Error(exit_, fmt::format("{} problems (nothing was changed):\n  {}", texts_.size(),
                                      fmt::join(texts_, "\n  ")));
   }
 
@@ -105,16 +105,12 @@ void Machines::prepare(const Hosts& stated, const Transports& transports) {
       !machine::may_join_namespaces()) {
     if (hosts_.components.size() > 1)
       throw Error(3,
-                  "components: no permission to make a network namespace for each: run as root (sudo ontime "
-                  "run …), or state where they are");
+                  "components: no permission to create a network namespace for each. Fix: sudo ontime run …, "
+                  "or state their hosts");
     if (hosts_.wire.any())
-      throw Error(
-          3,
-          "wire: no permission to make the network namespaces that it joins: run as root (sudo ontime run "
-          "…)");
+      throw Error(3, "wire: no permission to create network namespaces. Fix: sudo ontime run …");
     observer_.note(
-        "no permission to make network namespaces: the two ends are two processes on loopback instead. "
-        "To have two \"machines\", run as root: sudo ontime run …");
+        "no permission to create network namespaces: both ends run on loopback. Fix: sudo ontime run …");
     hosts_.kind = Hosts::Kind::loopback;
   }
   if (hosts_.kind == Hosts::Kind::loopback)
@@ -147,10 +143,10 @@ void Machines::add(const std::string& host, const Host& where) {
       window_came_(host, trace::window_of(frame.message.at("window")));
     } catch (const trace::Error& error) {
       throw Error(
-          3, fmt::format("the keeper of the {}'s machine said what is no trace ({})", host, error.what()));
+          3, fmt::format("the keeper of the {}'s machine sent an invalid trace ({})", host, error.what()));
     }
   });
-  // Both ends' are cut; when, is said by the clock of the controller, as of everything else.
+  // Both ends cut the link; the time is taken from the controller, whose clock all times are in.
   machine.keeper->on("cut", [this](const orders::Frame& frame) {
     const auto end = std::ranges::find_if(links_, [&](const LinkEnd& link) {
       return link.host == controller && link.name == frame.message.at("host");
@@ -184,11 +180,11 @@ void Machines::open(Machine& machine, const Transports& transports) {
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
   tell(opened.at("notes"));
   if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
-    throw Error(3, fmt::format("{}: {}. Or choose others: --transports NAME", machine.keeper->name(),
-                               fmt::join(lacks, "; ")));
+    throw Error(3, fmt::format("{}: {}. Or choose other transports: --transports NAME",
+                               machine.keeper->name(), fmt::join(lacks, "; ")));
 }
 
-// By its ways alone a machine cannot be told from another: what it says of itself can.
+// Two entries that are reached differently are one machine if they have the same boot id.
 void Machines::tell_of_two_ways() {
   std::map<std::string, std::string> first_host;  // by boot
   for (const auto& [reach, machine] : machines_) {
@@ -196,11 +192,10 @@ void Machines::tell_of_two_ways() {
     if (!boot.is_string()) continue;
     const auto [first, is_new] = first_host.emplace(boot.get<std::string>(), machine.hosts.front());
     if (!is_new)
-      observer_.note(fmt::format(
-          "the {} and the {} are on one machine, which is reached in two ways: each way has a keeper of its "
-          "own, and what is to be set of the machine is set by both. To have one, state the same way for "
-          "both.",
-          first->second, machine.hosts.front()));
+      observer_.note(
+          fmt::format("the {} and the {} are on one machine, but with different ssh or host prefix: two "
+                      "keepers change its settings. Fix: state the same for both",
+                      first->second, machine.hosts.front()));
   }
 }
 
@@ -229,7 +224,7 @@ bool Machines::lost() const {
 
 void Machines::close() { give_back("close", "closed"); }
 
-// By all, whatever becomes of one.
+// Asks every keeper, even if one fails.
 void Machines::give_back(const char* order, const char* answer) {
   std::exception_ptr first;
   for (auto& [reach, machine] : machines_) try {
@@ -256,7 +251,7 @@ std::function<void()> Machines::telling(const Machine& machine) {
 
 bool Machines::leave(Machine& machine) noexcept {
   try {
-    // Who has interrupted so often does not want to wait: the keeper goes on without us.
+    // After that many interruptions the user does not want to wait: the keeper continues alone.
     constexpr int tolerated = 1;
     const auto left = machine.keeper->leave([this, tell = telling(machine)]() mutable {
       tell();
@@ -264,16 +259,16 @@ bool Machines::leave(Machine& machine) noexcept {
     });
     tell(left.notes);
     if (left.waits)
-      observer_.note(fmt::format(
-          "{} still gives back what it changed, and goes on after this. Later, `ontime tune revert` on that "
-          "machine gives back what stays",
-          machine.keeper->name()));
+      observer_.note(
+          fmt::format("{} still restores settings, and continues after this. If any remain later, run "
+                      "`ontime tune revert` on that machine",
+                      machine.keeper->name()));
     const bool done = left.gave_back || left.waits;
     if (!done)
-      observer_.note(fmt::format(
-          "{} ended before it said what it gave back; another one does that now. Load that did not end may "
-          "still run: `pgrep -a stress-ng`",
-          machine.keeper->name()));
+      observer_.note(
+          fmt::format("{} ended before it reported what it restored; a new one restores it now. Load may "
+                      "still run. Check: pgrep -a stress-ng",
+                      machine.keeper->name()));
     machine.keeper.reset();
     return done;
   } catch (const std::exception& error) {
@@ -289,14 +284,15 @@ void Machines::give_back_anew(Machine& machine) noexcept {
     tell(ask(machine, "open", "opened").at("notes"));
     leave(machine);
   } catch (const std::exception& error) {
-    observer_.note(fmt::format(
-        "the keeper of the {}'s machine is lost, and another one could not be started ({}). What it changed "
-        "there may remain: run `ontime tune revert` there",
-        machine.hosts.front(), error.what()));
+    observer_.note(
+        fmt::format("the keeper of the {}'s machine is lost, and a new one could not be started ({}). Its "
+                    "changes may remain. Fix: run `ontime tune revert` there",
+                    machine.hosts.front(), error.what()));
   } catch (const orders::Interrupted&) {
-    observer_.note(fmt::format(
-        "interrupted: what the keeper of the {}'s machine changed may remain. Run `ontime tune revert` there",
-        machine.hosts.front()));
+    observer_.note(
+        fmt::format("interrupted: changes by the keeper of the {}'s machine may remain. Fix: run `ontime "
+                    "tune revert` there",
+                    machine.hosts.front()));
   }
 }
 

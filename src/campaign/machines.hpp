@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The machines of a suite: a keeper on each, for as long as the suite lasts, and the hosts as they are then.
+// The machines of a suite, each with a keeper for the whole suite, and the hosts on them.
 #pragma once
 
 #include <functional>
@@ -24,53 +24,52 @@ class Machines {
   using Hand = orders::Coordinator::Hand;
 
   Machines(orders::Coordinator&, Observer&);
-  // Each keeper gives back what it changed; for a keeper that was lost, a new one does. What stays is told.
+  // Each keeper restores what it changed; for a lost keeper a new one does. Reports what remains changed.
   ~Machines();
   Machines(const Machines&) = delete;
   Machines& operator=(const Machines&) = delete;
 
-  // By host: what its end is to load.
+  // By host: the transports that its end loads.
   using Transports = std::map<std::string, std::set<std::string>>;
 
-  // Starts a keeper on each machine that the hosts are on, has what earlier ontimes left there given back,
-  // and makes the hosts where they are ours to make. Again, where a keeper was lost, it starts all anew.
-  // Throws Error, before it makes anything: one for all hosts that are not reached, have another ontime, or
-  // lack a transport.
+  // Starts a keeper on each machine of the hosts, lets it restore what earlier ontimes left, and creates the
+  // hosts that ontime creates itself. Called again after a keeper was lost, it starts all anew. Throws one
+  // Error for all hosts that are not reached, have another ontime, or lack a transport, before it creates
+  // anything.
   void prepare(const Hosts&, const Transports& = {});
   const Hosts& hosts() const { return hosts_; }
   const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
   bool by_ssh(const std::string& host) const { return machine_of(host).ssh != nullptr; }
-  // An agent where that host's end lives, "the agent of the HOST" and what else there is to say of it. Throws
-  // Error.
+  // An agent where that host's end lives, called "the agent of the HOST" and `whom`. Throws Error.
   std::unique_ptr<Hand> start_agent(const std::string& host, const std::string& whom) const;
 
-  // Throws Error for a fault of the link that cannot be had here, by its name.
+  // Throws Error, with its key, for a link fault that these machines cannot have.
   void check(const Run&);
 
-  // Of each host what its keeper answers to the order "look"; nothing of a place where no keeper can look.
+  // The answer of each host's keeper to the order "look"; without hosts where the keeper cannot look.
   std::map<std::string, nlohmann::json> look(const settings::Wishes&) const;
-  // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
-  // links and its traffic, and the account of what each machine did between begin() and end().
-  // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws
-  // Error, with nothing changed, where a machine lacks what is asked for: Refused for a kernel setting.
+  // For runs that are measured at the same time: kernel settings, reserved CPUs, load, links and traffic, and
+  // what each machine did between begin() and end(). Returns notes for the records: which processes can still
+  // use reserved CPUs. Throws Error, with nothing changed, if a machine lacks what is requested: Refused for
+  // a kernel setting.
   std::vector<std::string> tune(const Together&);
-  // That process on the host's machine has the CPUs that tune() kept. Throws Error.
+  // Gives that process on the host's machine the CPUs that tune() reserved. Throws Error.
   void keep(const std::string& host, pid_t) const;
-  void restore();  // tells what could not be given back
-  // Returns what their records are to say of load that is not as large as usual.
+  void restore();  // reports what could not be restored
+  // Returns notes for the records: load that is smaller than usual.
   std::vector<std::string> load(const Together&);
-  // Counted from now on; when one has come to pass is told, with the component whose link it is, or "" for
-  // the links of all, until unload().
+  // Schedules the cuts, from now. Reports each cut until unload(), with the component of the link, or "" for
+  // the links of all.
   using WasCut = std::function<void(const std::string& component, std::int64_t at_ns)>;
   void cut(WasCut);
-  // The kernels' events are kept from now on, until unload(); each window that is cut out is told, with the
-  // host whose machine it is of; of one machine for several, the first. Throws Error where no machine can.
+  // Keeps the kernels' events from now until unload(). Reports each window that is cut out, with the first
+  // host on its machine. Throws Error if no machine can trace.
   using WindowCame = std::function<void(const std::string& host, trace::Window)>;
   void trace(WindowCame);
-  // Of the machines of the controller and of that component, by such a host: those that can; and of all
-  // {missing} or {error}, by "controller" and "component".
+  // traced(): those machines of the controller and that component that can trace, by first host.
+  // how_traced(): {missing} or {error} of both, by "controller" and "component".
   std::vector<std::string> traced(const std::string& component) const;
   nlohmann::json how_traced(const std::string& component) const;
   void cut_out(const std::string& host, const std::vector<trace::Span>&);
@@ -80,12 +79,12 @@ class Machines {
     nlohmann::json conditions, load, load_running, kernel, isolation, machine;  // by host
     // By component, and then by "controller" and "component".
     nlohmann::json traffic = nlohmann::json::object(), links = nlohmann::json::object();
-    // By component: those of the two on whose interface there was traffic, be it another component's.
+    // By component: which of its two ends had traffic on the interface, also another component's.
     std::map<std::string, std::set<std::string>> with_traffic;
   };
   Account end();
 
-  // Everything is given back; what could not be is told.
+  // Restores everything; reports what could not be restored.
   void close();
 
  private:
@@ -96,14 +95,14 @@ class Machines {
     nlohmann::json description;
     std::vector<std::string> hosts;
   };
-  // What the keeper of a host is told of one end of a link, under that name.
+  // What the keeper of a host needs to know of one end of a link, which it calls by `name`.
   struct LinkEnd {
     std::string host, name, interface;
     background::Faults faults;
     std::optional<Cut> cut;
     std::string component;  // whose link it is; "": of all
     std::vector<int> traffic_ports{};
-    bool by_ip = false;  // what is beside the traffic is counted by IP
+    bool by_ip = false;  // messages are counted by IP, apart from the traffic
   };
   std::vector<LinkEnd> ends_of_links(const Together&) const;
   bool has_ports() const;
@@ -118,14 +117,14 @@ class Machines {
   void open(Machine&, const Transports&);
   void give_back(const char* order, const char* answer);
   void leave_all() noexcept;
-  bool leave(Machine&) noexcept;  // whether the keeper gives back by itself
+  bool leave(Machine&) noexcept;  // whether the keeper restores everything by itself
   void give_back_anew(Machine&) noexcept;
-  // Told now and then while a keeper takes long; that keeper is to beat.
+  // Reports now and then that a keeper takes long; the keeper must still beat.
   std::function<void()> telling(const Machine&);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object()) const;
-  // The same of a host's, and an answer {error} is thrown.
+  // As ask(), for the machine of a host; throws an answer {error}.
   nlohmann::json have(const std::string& host, const char* order, const char* answer,
                       nlohmann::json body) const;
 
@@ -143,12 +142,12 @@ class Machines {
 };
 
 inline constexpr const char* controller = "controller";
-// Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
+// The network namespace of an end, as named by `ip netns`; nothing: its command prefix is another.
 std::optional<std::string> network_namespace(const Host&);
-// How a machine is reached, by which it is told from others.
+// How a machine is reached; hosts with the same way share a machine.
 std::vector<std::string> way_to(const Host&);
 
-// Longer than anything takes on a machine under full load; only a hang lasts so long.
+// Longer than any order takes on a machine under full load.
 inline constexpr std::chrono::seconds patience{120};
 
 }  // namespace ontime::campaign

@@ -16,7 +16,7 @@ namespace {
 
 using nlohmann::json;
 
-// As the keepers call what is made for a host, and what is made at the controller for one component alone.
+// Names for the keepers: of what is made for a host, and of what is made at the controller for one component.
 std::string name_of(const std::string& host) {
   auto name = host;
   std::replace(name.begin(), name.end(), '_', '-');
@@ -60,7 +60,7 @@ std::map<std::string, json> Machines::look(const settings::Wishes& wishes) const
 }
 
 std::vector<std::string> Machines::tune(const Together& runs) {
-  const auto& run = runs.front();  // it is of machines, and the same for all
+  const auto& run = runs.front();  // settings of machines are the same for all runs
   std::vector<std::string> shared;
   if (run.kernel.empty() && !run.isolation.any()) return shared;
   for (const auto& one : runs)
@@ -68,15 +68,16 @@ std::vector<std::string> Machines::tune(const Together& runs) {
         !text.empty() && warned_.insert(text).second)
       observer_.note("kernel: " + text);
   tuned_ = true;
-  // A command of any kind may have traffic run where our groups do not reach, as in a container.
+  // Another command prefix may run traffic outside our control groups, as in a container.
   const bool needs_namespace =
       !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && !ports_of(runs).empty());
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       if (needs_namespace && !network_namespace(hosts_.at(host)))
-        throw Error(2,
-                    "kernel.*, isolation.interrupts, and isolation.load-* with traffic: a place other than "
-                    "[ip, netns, exec, NAME] is not where a keeper can look");
+        throw Error(
+            2,
+            "kernel.*, isolation.interrupts, and isolation.load-* with traffic need the command prefix "
+            "[ip, netns, exec, NAME] or none");
       const auto link = link_of(host);
       if (run.isolation.any())
         if (auto text = isolate(host, run, link); !text.empty()) shared.push_back(std::move(text));
@@ -98,8 +99,7 @@ std::string Machines::isolate(const std::string& host, const Run& run, const jso
                                .at("stay");
   if (stay.empty()) return "";
   auto text = fmt::format(
-      "isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of their own: "
-      "{}",
+      "isolation: on the {}, other processes with an affinity of their own may still run on CPUs {}: {}",
       host, run.isolation.cpus, stay);
   if (warned_.insert(host + run.isolation.cpus).second) observer_.note(text);
   return text;
@@ -120,19 +120,17 @@ void Machines::check(const Run& run) {
   };
   if (hosts_.kind == Hosts::Kind::loopback)
     fail(
-        "link.*: on loopback there is no link whose faults would be these two ends' alone: say hosts: "
+        "link.*: loopback cannot have link faults, because other programs use it too. Fix: hosts: "
         "namespaces, as root");
   const auto check_host = [&](const Host& host) {
-    if (host.interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
+    if (host.interface.empty()) fail("link.*: each host needs its `interface`");
     if (!network_namespace(host))
-      fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
+      fail("link.*: the command prefix must be [ip, netns, exec, NAME] or none, to restore the link");
   };
   for (const auto& component : hosts_.components) check_host(component.host);
   check_host(hosts_.controller);
   if (run.task.config.launch_ns > 0 && has_ports())
-    fail(
-        "launch-time: behind the controller's bridge there is one interface for several components: have "
-        "one");
+    fail("launch-time: the controller's bridge has one interface for all components. Fix: use one component");
   for (auto& [reach, machine] : machines_)
     if (const auto answer = ask(machine, "check", "checked", {{"faults", keeper::to_json(run.faults)}});
         answer.contains("error"))
@@ -144,8 +142,9 @@ bool Machines::has_ports() const {
                              [](const auto& component) { return !component.host.port.empty(); });
 }
 
-// Each component's, and the controller's: behind a bridge the link of each component by its port, where what
-// is sent is told apart by the whole. Two that are one interface are one end.
+// The ends at each component and at the controller. With a bridge, each component's link has its own end at
+// its port; messages are marked and counted at the controller's interface. Components that share an interface
+// share an end.
 std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) const {
   std::map<std::vector<std::string>, Together> sharing;
   for (const auto& run : runs) sharing[interface_of(hosts_.at(run.component))].push_back(run);
@@ -170,7 +169,7 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
   return ends;
 }
 
-// With faults, or with traffic, beside which the messages are to be counted.
+// For an end with faults, or with traffic from which messages must be counted apart.
 void Machines::link(const LinkEnd& end) {
   const auto netns = network_namespace(hosts_.at(end.host));
   const bool counts = end.by_ip && !end.traffic_ports.empty();
@@ -182,7 +181,7 @@ void Machines::link(const LinkEnd& end) {
                            {"faults", keeper::to_json(end.faults)},
                            {"traffic_ports", end.traffic_ports},
                            {"by_ip", end.by_ip}});
-  // Without faults it can be done without: the record says that nothing is proved then.
+  // Without faults the run goes on: the record says that the link is not verified.
   if (end.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }
 
@@ -300,7 +299,7 @@ Machines::Account Machines::end() {
   return account;
 }
 
-// What keepers say of the ends of links and of traffic, by their names, becomes each component's.
+// Assigns what the keepers report of link ends and traffic, by name, to each component.
 void Machines::account_of(const json& links, const json& traffic, Account& account) const {
   if (hosts_.kind == Hosts::Kind::alone) return;
   for (const auto& [component, host] : hosts_.components) {

@@ -10,7 +10,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double enough_messages = 0.95;  // of what was asked, as of traffic
+constexpr double enough_messages = 0.95;  // of the requested messages, as for traffic
 
 bool falls_short(std::uint64_t count, std::uint64_t asked) {
   return static_cast<double>(count) < enough_messages * static_cast<double>(asked);
@@ -22,7 +22,7 @@ json way(const json& sender, const json& receiver, std::uint64_t wanted) {
   const auto refused = sender.at("refused").get<std::uint64_t>();
   const auto overruns = receiver.at("overruns").get<std::uint64_t>();
   const auto asked = std::max(sent + refused + sender.at("skipped_cycles").get<std::uint64_t>(), wanted);
-  const auto skipped = asked - sent - refused;  // one that has not come to its end has not seen all of it
+  const auto skipped = asked - sent - refused;  // a sender that has not finished has not counted all
   const bool is_short = falls_short(sent, asked) || falls_short(received, asked) ||
                         falls_short(received - std::min(received, overruns), received);
   return {{"sent", sent},         {"received", received},      {"lost", sent - std::min(sent, received)},
@@ -30,13 +30,13 @@ json way(const json& sender, const json& receiver, std::uint64_t wanted) {
           {"overruns", overruns}, {"short", is_short}};
 }
 
-// Where the others are.
+// Where the missing messages are.
 std::string missing(const json& counted) {
   const struct {
     const char *key, *what;
-  } places[] = {{"skipped_cycles", "; {} were not sent, for their sender overran its period"},
-                {"refused", "; {} were refused by the transport"},
-                {"lost", "; {} were sent and did not arrive"}};
+  } places[] = {{"skipped_cycles", "; {} not sent because their sender overran its period"},
+                {"refused", "; {} refused by the transport"},
+                {"lost", "; {} lost"}};
   std::string text;
   for (const auto& [key, what] : places)
     if (const auto count = counted.at(key).get<std::uint64_t>(); count > 0)
@@ -69,12 +69,11 @@ std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
     if (!counted.at("short")) continue;
     const auto of = [&counted = counted](const char* key) { return counted.at(key).get<std::uint64_t>(); };
     texts.push_back(fmt::format(
-        "the neighbours that were asked for were NOT there: of {} messages to the {} {} arrived{}{}",
+        "BACKGROUND TOPICS SHORTFALL: {} of {} messages arrived at the {}{}{}", of("received"),
         of("sent") + of("refused") + of("skipped_cycles"), way == "to_component" ? "component" : "controller",
-        of("received"),
         of("overruns") == 0
             ? ""
-            : fmt::format(", of which {} had a callback that took longer than its turn", of("overruns")),
+            : fmt::format("; {} with a callback longer than its share of the period", of("overruns")),
         missing(counted)));
   }
   return texts;

@@ -31,22 +31,23 @@ agent::Task without_others(agent::Task task) {
   return task;
 }
 
-// What a neighbour's agent says of itself is said with what the critical topic's says of that end.
+// Adds what the agent of background topics reports to the report of that end.
 void add_neighbours(json& host, const json& ended) {
   host["neighbours"] = ended.at("neighbours");
   for (const auto* list : {"threads", "refusals"})
     for (const auto& one : ended.at(list)) host.at(list).push_back(one);
 }
 
-// What the client saw of who answers, once that has changed.
+// A change in the number of servers that the client sees.
 record::Note note_of_peers(const json& event, int before) {
   const int now = event.at("writers");
   if (now == before)
-    return {"peer-flickered",
-            "a peer came and went, or went and came back, within a second: a pong that was started again, or "
-            "a second one, or one who only listened",
-            event.at("at_ns"),
-            {}};
+    return {
+        "peer-flickered",
+        "a peer joined and left, or left and rejoined, within 1 s: a restarted server (pong), a second one, "
+        "or a listener",
+        event.at("at_ns"),
+        {}};
   record::Note note{now < before ? "peer-left"
                     : now > 1    ? "second-pong"
                                  : "peer-came",
@@ -54,11 +55,12 @@ record::Note note_of_peers(const json& event, int before) {
                     event.at("at_ns"),
                     {}};
   if (now == 0)
-    note.text = "pong left: no answers";
+    note.text = "server (pong) left: no answers";
   else if (now > 1)
-    note.text = fmt::format("{} pongs answer: each ping has as many answers, and the first counts", now);
+    note.text =
+        fmt::format("{0} servers (pong) answer: each request gets {0} answers, the first counts", now);
   else
-    note.text = now < before ? "a pong left, one answers" : "pong came back";
+    note.text = now < before ? "a server (pong) left, one still answers" : "server (pong) is back";
   return note;
 }
 
@@ -86,7 +88,7 @@ Pair::Pair(const Run& run, std::int64_t number, const Machines& machines, record
       told_(std::move(told)),
       authority_(authority) {}
 
-// Of the client alone: a component that would say how well it was heard is not asked.
+// Samples and counters come from the client only.
 void Pair::listen_to(Hand& client) {
   using orders::Frame;
   client.on("samples", [this](const Frame& frame) {
@@ -104,12 +106,13 @@ void Pair::listen_to(Hand& client) {
     finished_ = frame.message.at("counters");
     counters_ = agent::counters_of(*finished_);
     if (const std::uint64_t bytes = frame.message.at("waited_bytes"); bytes > 0)
-      writer_.note(number_, {"samples-waited",
-                             fmt::format("{:.1f} kB of samples waited at the controller for the end, because "
-                                         "ssh may take the link under test",
-                                         static_cast<double>(bytes) / 1e3),
-                             {},
-                             {}});
+      writer_.note(number_,
+                   {"samples-waited",
+                    fmt::format("{:.1f} kB of samples stayed at the controller until the end, because "
+                                "ssh may use the link under test",
+                                static_cast<double>(bytes) / 1e3),
+                    {},
+                    {}});
   });
 }
 
@@ -124,21 +127,21 @@ void Pair::note_peers(const json& event) {
 
 void Pair::note_cut(std::int64_t at_ns) {
   const auto length = run_.cut->length;
-  writer_.note(number_, {"link-cut", fmt::format("the link was cut, for {} ms", length.count()), at_ns, {}});
-  writer_.note(number_,
-               {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
+  writer_.note(number_, {"link-cut", fmt::format("link cut for {} ms", length.count()), at_ns, {}});
+  writer_.note(number_, {"link-back", "link restored", at_ns + std::chrono::nanoseconds(length).count(), {}});
 }
 
 Pair::End Pair::open(const std::string& host, agent::Task task) {
   const bool beside = in_another_process(task.neighbours);
   const bool asks = task.config.role == transport::Role::client;
   const auto whom = std::string(asks && is_named(run_) ? " for " + run_.component : "") +
-                    (beside ? " for its neighbours" : "");
+                    (beside ? " for background topics" : "");
   End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
   if (authority_ != nullptr && run_.security != security::Level::off)  // it may be another component's
     task.config.security = authority_->identity(end.role, run_.security, task.config.domain);
   if (asks && !beside) listen_to(*end.agent);
-  if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
+  if (!run_.isolation.cpus.empty() &&
+      !beside) {  // before the agent has threads, which it may tie to these CPUs
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
   end.opened = ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
@@ -155,7 +158,7 @@ json Pair::ask(const End& end, const char* order, const char* answer, json body,
 std::vector<Pair::End*> Pair::ends() {
   std::vector<End*> there;
   for (auto& end : neighbours_) there.push_back(&end);
-  for (auto* end : {&component_, &controller_})  // who answers is ready before who asks
+  for (auto* end : {&component_, &controller_})  // the server is ready before the client
     if (*end) there.push_back(&**end);
   return there;
 }
@@ -197,9 +200,10 @@ void Pair::go() {
       if (end != &*controller_) end->agent->order("go");
   controller_->agent->order("go");
   if (const auto& link = controller_->opened.at("ssh_link"); !link.is_null() && link.at("shared").get<bool>())
-    writer_.note(
-        number_,
-        {"samples-wait", "its samples come at its end, for ssh may take the link under test", {}, {}});
+    writer_.note(number_, {"samples-wait",
+                           "samples arrive at the end of the run, because ssh may use the link under test",
+                           {},
+                           {}});
 }
 
 void Pair::stop() {
@@ -232,7 +236,7 @@ void Pair::note_downs(const End& end) {
         "{} of the {} {} {}", link.at("interface").get<std::string>(), end.role,
         down.at("taken") ? "was taken down" : "had no carrier",
         to_ns.is_null()
-            ? "and is so still"
+            ? "until the end of the run"
             : fmt::format("for {:.0f} ms", static_cast<double>(to_ns.get<std::int64_t>() - from_ns) / 1e6));
     writer_.note(number_,
                  {"link-down", text, by_the_controllers_clock ? std::optional(from_ns) : std::nullopt, {}});
@@ -281,7 +285,7 @@ bool Pair::component_is_gone(const std::string& why) {
   if (!run_.component_restart || gone_ || !component_ || !component_->agent->lost() || over()) return false;
   gone_ = Clock::now();
   ++pongs_;  // DDS counts the one that died until its lease is over
-  note_now("component-gone", why + "; it is started again");
+  note_now("component-gone", why + "; ontime restarts it");
   return true;
 }
 
@@ -292,9 +296,10 @@ void Pair::restart_component() {
   ask(*component_, "begin", "begun", json::object());
   const std::chrono::duration<double> gone_s = Clock::now() - *gone_;
   gone_.reset();
-  note_now("component-back", fmt::format("the component's end was there again {:.3f} s after it was found to "
-                                         "be gone; what is said of its threads and losses is from then on",
-                                         gone_s.count()));
+  note_now("component-back",
+           fmt::format("the component's server was restarted {:.3f} s after it was lost; its "
+                       "thread and loss counts start here",
+                       gone_s.count()));
 }
 
 void Pair::abandon() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two ends of one run, on agents that live just for it: the controller's, which asks, and a component's;
-// and two more, where neighbours are to be in another process.
+// The two ends of one run, with agents for this run only: the client at the controller and the server at a
+// component; and two more if background topics run in another process.
 #pragma once
 
 #include "campaign/campaign.hpp"
@@ -10,12 +10,13 @@ namespace ontime::campaign {
 
 class Pair {
  public:
-  // What is told of while the client measures, in the loop.
+  // Callbacks while the client measures, from the loop.
   struct Told {
     std::function<void(std::span<const roundtrip::Sample>)> samples;
     std::function<void()> progress;
   };
-  // With a host alone another program serves. Samples and notes go into the writer, as run `number`.
+  // With Hosts::Kind::alone another program is the server. Samples and notes go into the writer, as run
+  // `number`.
   Pair(const Run&, std::int64_t number, const Machines&, record::Writer&, Observer&, Told,
        const security::Authority*);
 
@@ -24,9 +25,9 @@ class Pair {
   void make_ready(std::chrono::nanoseconds wait);  // matched, warmed up, silent
   void begin();                                    // the accounts
   void go();
-  void stop();                                                // the sooner, if it is not over
-  bool over() const;                                          // it has finished, or never will
-  bool overdue(std::chrono::steady_clock::time_point) const;  // and says nothing any more
+  void stop();                                                // ends it early, if it is not over
+  bool over() const;                                          // it has finished, or cannot finish
+  bool overdue(std::chrono::steady_clock::time_point) const;  // past that time, without new samples
   void end();
   // For the record, with what each of its ends' machines did.
   nlohmann::json outcome(const Machines::Account&) const;
@@ -35,12 +36,11 @@ class Pair {
   std::int64_t number() const { return number_; }
   const roundtrip::Counters& counters() const { return counters_; }
   std::optional<nlohmann::json> finished() const { return finished_; }
-  // While it measures: whether its answering end is what was lost, and is to be started again, which is
-  // noted.
+  // While it measures: whether the server was lost and must be restarted; adds a note then.
   bool component_is_gone(const std::string& why);
-  bool lacks_component() const { return gone_.has_value(); }  // from then on
-  void restart_component();                                   // until now; throws as the others do
-  // After an error: each end that is still there is told to stop, and says what it counted.
+  bool lacks_component() const { return gone_.has_value(); }  // from then on, until restart_component()
+  void restart_component();                                   // throws as the others do
+  // After an error: stops the client, if it still runs, so that it reports its counters.
   void abandon();
   void note_cut(std::int64_t at_ns);
 
@@ -70,7 +70,7 @@ class Pair {
   const Told told_;
   const security::Authority* const authority_;  // null: the run has no DDS Security
   std::optional<End> controller_, component_;
-  std::vector<End> neighbours_;  // of the component, and of the controller, in processes of their own
+  std::vector<End> neighbours_;  // agents of background topics: component, controller
   std::chrono::nanoseconds wait_{0};
   Clock::time_point sampled_;  // when samples came last
   int pongs_ = 1;              // that answer

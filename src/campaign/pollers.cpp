@@ -49,9 +49,9 @@ std::string why_refused(const json& machine, bool throttled,
   // A thread takes one CPU at a time, however many it may use.
   if (std::min(taken.size(), pinned) + on_any < cpus.get<std::size_t>()) return "";
   return fmt::format(
-      "busy-poll: {} threads at a real-time priority never sleep, on {} CPUs, and real-time threads are not "
-      "throttled: nothing else would run there again. Leave a CPU free (realtime.receive.cpus), poll at one "
-      "end only, or set kernel.rt-throttling: on",
+      "busy-poll: {} real-time threads never sleep, on {} CPUs, without real-time throttling. Nothing else "
+      "could run. Fix: leave a CPU free (realtime.receive.cpus), poll at one end, or set "
+      "kernel.rt-throttling: on",
       cpus_of_threads.size(), cpus.get<std::size_t>());
 }
 

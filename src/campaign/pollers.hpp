@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Threads that look for messages without ever sleeping (busy-poll), at a real-time priority. Where they may
-// run on every CPU and nothing throttles them, nothing else runs again: not even what would end the run.
+// Threads that poll for messages without sleeping (busy-poll), at a real-time priority. If they occupy every
+// CPU and are not throttled, nothing else can run, not even what ends the run.
 #pragma once
 
 #include <string>
@@ -10,7 +10,7 @@
 
 namespace ontime::campaign {
 
-// Of one machine, with the CPUs of each such thread (empty: any). Why they are refused; "": they are not.
+// Why these threads are refused on a machine, from the CPUs of each (empty: any); "": they are not.
 std::string why_refused(const nlohmann::json& machine, bool throttled,
                         const std::vector<std::vector<int>>& cpus_of_threads);
 

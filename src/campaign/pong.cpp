@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The server's end by hand. With `explain` its machine is traced: which of a ping's messages were late only
-// the ping knows, but here is seen which came, or were answered, longest after the one before, and what the
-// kernel did around those is kept.
+// The server (pong) by hand. With `explain` its machine is traced. Only the client knows which messages were
+// late; the server keeps what the kernel did around the messages that came, or were answered, longest after
+// the one before.
 #include <algorithm>
 #include <deque>
 #include <map>
@@ -24,7 +24,7 @@ constexpr std::size_t most_messages = 48, most_pings = 8;
 constexpr std::int64_t around_ns = 1'000'000;  // in which a thread was woken, or the answer left
 constexpr std::int64_t longest_ns = 1'000'000'000;
 
-// Of one ping, what is worth a look.
+// The messages of one client that are worth a look.
 class Ping {
  public:
   explicit Ping(std::uint32_t session) : session_(session) {}
@@ -98,7 +98,7 @@ class Traced {
   }
   bool all_came() const { return asked_.empty(); }
 
-  // What there is of it by now; asks no process: the one that knew more may be gone.
+  // What is known now. It asks no other process, which may be gone.
   json account() const {
     auto pings = json::array();
     for (const auto& ping : pings_) pings.push_back(ping.windows());
@@ -118,7 +118,8 @@ class Traced {
     return pings_.emplace_back(session);
   }
 
-  // They come as they were asked for, each under a number of its own: two pings may have the same message.
+  // Windows come in the order of the requests, each with its own number: two clients may have the same
+  // message.
   void take(trace::Window window) {
     const auto number = window.span.message;
     if (number < given_ || number - given_ >= asked_.size())
@@ -165,7 +166,7 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
     const auto opened = agent.ask("open", {{"task", agent::to_json(task)}}, "opened", patience);
     agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
     agent.ask("start", {{"wait_ns", 0}, {"note_answers", run.explain}}, "ready", patience);
-    // Whose threads they are is what makes windows worth keeping, should it never come to its end.
+    // Windows need the threads of the server; they are read now, in case it does not end in order.
     if (traced) threads = agent.ask("end", json::object(), "ended", patience).at("threads");
     told(opened);
     coordinator.until(
@@ -185,7 +186,7 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
           1);
       traced->close();
     }
-  } catch (const orders::Interrupted&) {  // in a hurry
+  } catch (const orders::Interrupted&) {  // a second interruption: leave at once
   } catch (...) {
     keep();
     throw;

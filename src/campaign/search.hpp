@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// How far a condition can be turned up: which of its values, from the gentlest to the harshest, is the last
-// at which nothing is missed, and which the first at which something is. It goes up in steps that double
-// until something is missed, and halves what is between: it supposes that whatever misses at one value misses
-// at harsher ones.
+// Searches the values of a condition, from the gentlest to the harshest, for the last that passes and the
+// first that misses. Steps double until a miss; then the interval is halved. It assumes that all values
+// harsher than a miss miss as well.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +19,7 @@ class Search {
     if (missed_ < values_) return (passed_ + missed_) / 2;
     return passed_ < 0 ? 0 : std::min(2 * passed_ + 1, values_ - 1);
   }
-  // What came of next().
+  // The result of next().
   void tell(bool missed) { (missed ? missed_ : passed_) = *next(); }
 
  private:

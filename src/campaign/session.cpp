@@ -45,7 +45,7 @@ Session::Session(const Together& runs, const std::vector<std::int64_t>& numbers,
 }
 
 Session::~Session() {
-  pairs_.clear();  // how its agents end is not to keep the machines from being given back
+  pairs_.clear();  // first: the machines are restored however the agents end
   for (const auto give_back : {&Machines::unload, &Machines::restore}) try {
       (machines_.*give_back)();
     } catch (const std::exception&) {  // the keeper restores the machine when it leaves
@@ -105,7 +105,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
     }
     for (auto& windows : windows_) windows.order();
     if (std::ranges::any_of(pairs_, [&](const auto& pair) { return pair->overdue(until); }))
-      throw Error(3, "the agent of the controller did not finish, long after its time was over");
+      throw Error(3, "timed out waiting for the agent of the controller to finish");
     return over();
   };
   do {
@@ -122,7 +122,7 @@ bool Session::component_is_gone(const std::string& why) {
   return std::ranges::any_of(pairs_, [&](const auto& pair) { return pair->component_is_gone(why); });
 }
 
-// That another died as well may come to light while one is started: then that one is begun anew.
+// While one component restarts, another may be found dead: the loop then restarts that one too.
 void Session::restart_components() {
   const auto lacking = [&] { return std::ranges::find_if(pairs_, &Pair::lacks_component); };
   for (auto pair = lacking(); pair != pairs_.end(); pair = lacking()) try {
@@ -132,7 +132,7 @@ void Session::restart_components() {
     }
 }
 
-// What the kernels still know of the last messages, and of all of them into the file.
+// Waits for the trace windows of the last messages, and writes all windows to the results.
 void Session::await_windows() {
   if (windows_.empty()) return;
   const auto until = Clock::now() + patience;
@@ -147,7 +147,7 @@ std::chrono::nanoseconds Session::longest_timeout() const {
   return timeout_of(*std::ranges::max_element(runs_, {}, timeout_of));
 }
 
-// As long as a message of ours, theirs may be on its way; then it is lost.
+// Background messages on the way get the same timeout as measured ones; then they are lost.
 void Session::await_neighbours() {
   const auto has_neighbours = [](const Run& run) { return run.task.neighbours.topics > 0; };
   if (std::ranges::none_of(runs_, has_neighbours)) return;
@@ -167,7 +167,7 @@ std::vector<json> Session::outcomes() {
     const auto& run = pair->run();
     const auto whose = is_named(run) ? run.component + ": " : "";
     auto outcome = pair->outcome(account);
-    outcome["interrupted"] = stopped_;  // later, it was whole
+    outcome["interrupted"] = stopped_;  // an interruption after the end of the run does not count
     if (run.traffic.bits_per_s > 0) {
       outcome["traffic"] = achieved(run.traffic, account.traffic.at(run.component));
       for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(whose + text);
@@ -198,8 +198,8 @@ std::vector<json> Session::salvage() noexcept {
       stopped_ = true;
       finish(longest_timeout() + 5s);
     }
-  } catch (const std::exception&) {       // what went wrong first is what is told
-  } catch (const orders::Interrupted&) {  // in a hurry
+  } catch (const std::exception&) {       // the first error is the one to report
+  } catch (const orders::Interrupted&) {  // a second interruption: leave at once
   }
   std::vector<json> counted;
   for (const auto& pair : pairs_) counted.push_back(pair->finished().value_or(json::object()));

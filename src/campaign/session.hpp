@@ -11,20 +11,20 @@ namespace ontime::campaign {
 
 class Session {
  public:
-  // What comes of each run goes into the writer, as the run of the same place in `numbers`.
+  // The results of runs[i] go into the writer as run numbers[i].
   Session(const Together&, const std::vector<std::int64_t>& numbers, orders::Coordinator&, Machines&,
           record::Writer&, Observer&, Interrupts&);
   ~Session();
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
 
-  // Measures; returns the outcomes for the record, in which "error" says what went wrong at last. Throws
-  // Error or Interrupted; what was measured until then is in the writer, and salvage() has the counters.
+  // Measures; returns the outcomes for the record, with "error" if the results are not valid. Throws Error or
+  // Interrupted; what was measured until then is in the writer, and salvage() has the counters.
   std::vector<nlohmann::json> measure(std::chrono::nanoseconds wait);
-  // After an error: what each client counted, if it can still be asked.
+  // After an error: the counters of each client that still answers.
   std::vector<nlohmann::json> salvage() noexcept;
   roundtrip::Counters counters() const;  // of all runs together
-  // Messages may have been sent that are to be counted, whatever of them has come back to us.
+  // Whether counted messages may have been sent, even if no sample has arrived.
   bool has_begun() const { return measuring_; }
 
  private:

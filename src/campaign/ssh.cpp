@@ -15,12 +15,12 @@ namespace {
 
 using orders::Error;
 
-// A shell's own are 126 and 127, ssh's is 255, and ours are the small ones.
+// Exit codes: 126 and 127 are the shell's, 255 is ssh's, the others are ours.
 constexpr int no_ssh_here = 125, cannot_run = 126, not_found = 127, ssh_failed = 255;
 
-// Signals that reach every process of a service or a terminal at once are for the coordinator, who then ends
-// its sessions in order. They are blocked: an ssh that shares a connection does not leave them ignored. What
-// ssh says itself comes last.
+// A signal to all processes of a service or a terminal is for the coordinator, which then ends its sessions
+// in order. The signals are blocked, because an ssh that shares a connection resets ignored signals. The
+// output of ssh itself comes last.
 constexpr const char* first_script =
     "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
     "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
@@ -34,14 +34,14 @@ std::string make_folder() {
   std::error_code missing;
   auto folder = (std::filesystem::temp_directory_path(missing) / "ontime-ssh-XXXXXX").string();
   if (missing || folder[0] != '/')
-    throw Error(
-        3,
-        "there is no temporary folder for ssh's socket: set TMPDIR to the absolute path of one, or unset it");
+    throw Error(3,
+                "no temporary folder for ssh's socket. Fix: set TMPDIR to the absolute path of a folder, or "
+                "unset it");
   if (folder.size() + 2 > longest_socket)
-    throw Error(3, fmt::format("{} is too long a name for ssh's socket in it: set TMPDIR to a shorter folder",
-                               folder));
+    throw Error(
+        3, fmt::format("{} is too long a path for ssh's socket. Fix: set TMPDIR to a shorter path", folder));
   if (mkdtemp(folder.data()) == nullptr)
-    throw Error(3, fmt::format("folder {} cannot be made: {}; set TMPDIR to one where there is room", folder,
+    throw Error(3, fmt::format("cannot create folder {}: {}. Fix: set TMPDIR to a writable folder", folder,
                                std::generic_category().message(errno)));
   return folder;
 }
@@ -57,27 +57,26 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
   const auto line = last_line(ssh_said);
   if (has("IDENTIFICATION HAS CHANGED"))
     return fmt::format(
-        "the host key of {} is not the one that ssh knows: another machine answers there, or it was set up "
-        "anew. ssh says more: ssh {} true. Only if you know why, forget the old key: ssh-keygen -R HOST",
+        "the host key of {} has changed: another machine answers there, or it was installed anew. Details: "
+        "ssh {} true. Only if you expected this, remove the old key: ssh-keygen -R HOST",
         destination, destination);
   if (has("Host key verification failed"))
     return fmt::format(
-        "ssh does not know the host key of {}. Connect once by hand, compare the fingerprint that is shown "
-        "with that machine's own (there: ssh-keygen -lf /etc/ssh/ssh_host_ed25519_key.pub), and say yes: ssh "
-        "{}",
+        "ssh does not know the host key of {}. Compare its fingerprint (there: ssh-keygen -lf "
+        "/etc/ssh/ssh_host_ed25519_key.pub) and accept it once: ssh {}",
         destination, destination);
   if (has("Permission denied"))
     return fmt::format(
-        "{} wants a password ({}). Give it your key: ssh-copy-id {} (if the key has a passphrase, also: "
-        "ssh-add). This must then work: ssh -o BatchMode=yes {} true",
+        "{} rejects your ssh key ({}). Fix: ssh-copy-id {} (with a passphrase also: ssh-add). Check: ssh -o "
+        "BatchMode=yes {} true",
         destination, line, destination, destination);
   for (const auto* words : {"Could not resolve", "Connection refused", "No route to host", "timed out",
                             "Network is unreachable", "Host is down"})
     if (has(words) && has("connect to host"))
-      return fmt::format("{} cannot be reached: {}. Is the machine on, and does an ssh server listen there?",
+      return fmt::format("{} cannot be reached: {}. Check that the machine is on and runs an ssh server",
                          destination, line);
   if (has("Could not resolve"))
-    return fmt::format("{} cannot be reached: {}. ssh takes names from ~/.ssh/config, /etc/hosts and DNS",
+    return fmt::format("{} cannot be reached: {}. Fix: add the name to ~/.ssh/config, /etc/hosts or DNS",
                        destination, line);
   return fmt::format("the connection to {} was lost{}", destination, line.empty() ? "" : " (" + line + ")");
 }
@@ -86,21 +85,20 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
 
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said) {
-  if (code == no_ssh_here)
-    return "there is no ssh client on this machine: install it (sudo apt install openssh-client)";
+  if (code == no_ssh_here) return "no ssh client on this machine. Fix: sudo apt install openssh-client";
   if (code == ssh_failed) return reason_of_failed_ssh(destination, said);
   if (code == not_found)
     return fmt::format(
-        "there is no {} on {}: install ontime there, state its path (program: PATH, in the scenario), or "
-        "have it brought there for the time of the run (ontime run --deploy)",
+        "{} not found on {}. Fix: install ontime there, set program: PATH in the scenario, or use `ontime "
+        "run --deploy`",
         program, destination);
   if (code == cannot_run)
-    return fmt::format("{} cannot be run on {}: it may not be executable, or be for another kind of machine",
+    return fmt::format("{} cannot be run on {}: it is not executable, or is for another architecture",
                        program, destination);
   if (!said.empty())
     return fmt::format(
-        "{} says what is not ontime's: \"{}\". If a start-up file of the shell there (.bashrc …) prints "
-        "that, have it print only where there is a terminal",
+        "unexpected output from {}: \"{}\". If a shell start-up file there (.bashrc …) prints it, limit that "
+        "to interactive shells",
         destination, said.substr(0, said.find('\n')));
   return "";
 }
@@ -108,8 +106,8 @@ std::string reason_of(const std::string& destination, const std::string& program
 std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link) {
   if (link.is_null() || !link.at("shared").get<bool>()) return "";
   if (link.at("interface").is_null())
-    return fmt::format("it cannot be told whether ssh to the {} takes the link under test as well", host);
-  return fmt::format("ssh to the {} goes over {}, which is, or may be, the link under test", host,
+    return fmt::format("unknown whether ssh to the {} uses the link under test", host);
+  return fmt::format("ssh to the {} uses {}, which is or may be the link under test", host,
                      link.at("interface").get<std::string>());
 }
 
@@ -132,8 +130,8 @@ std::vector<std::string> Ssh::command(const char* local_script, const char* shar
                                       const std::vector<std::string>& there) const {
   std::vector<std::string> words{"sh", "-c",           local_script, folder_,          "-T",
                                  "-S", folder_ + "/c", "-E",         folder_ + "/said"};
-  // What a user's own configuration may say otherwise, and a worker's pipe cannot do with. A link that is
-  // gone is noticed in the time in which a silent worker is.
+  // Options that a user's ssh configuration may set otherwise and that would break a worker's pipe. A dead
+  // link is detected as fast as a silent worker.
   for (const auto* option :
        {sharing, "ControlPersist=no", "BatchMode=yes", "LogLevel=ERROR", "RemoteCommand=none",
         "ClearAllForwardings=yes", "ForwardAgent=no", "ForwardX11=no", "ConnectTimeout=20",

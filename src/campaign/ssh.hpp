@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Another machine by the system's own OpenSSH client, with its configuration, its keys and the hosts it
-// knows. It never asks for a password, and no check of ssh's is switched off.
+// Reaches another machine with the system's OpenSSH client, its configuration, keys and known hosts. It never
+// asks for a password, and switches off no check of ssh.
 #pragma once
 
 #include <string>
@@ -12,8 +12,8 @@
 
 namespace ontime::campaign {
 
-// One connection, for all that is started there: the first session's ssh opens it and holds it until the last
-// session is over, however its coordinator ends; a folder of its own has the socket by which they share it.
+// One connection for all processes there: the ssh of the first session opens it and holds it until the last
+// session is over, however its coordinator ends. The sessions share it by a socket in a private folder.
 class Ssh {
  public:
   // Connects to nothing yet. Throws Error.
@@ -22,15 +22,15 @@ class Ssh {
   Ssh(const Ssh&) = delete;
   Ssh& operator=(const Ssh&) = delete;
 
-  // A command here that has the words run there, as one command and none of them split, by any shell
-  // the user has there. The first session is to be there before another.
+  // A local command that runs these words there as one command; no shell there splits a word. first() must
+  // run before another().
   std::vector<std::string> first(const std::vector<std::string>& there) const;
   std::vector<std::string> another(const std::vector<std::string>& there) const;
 
-  // This user's alone; it goes with the connection, and all that is in it.
+  // Only this user can access it; it is removed with the connection.
   const std::string& folder() const { return folder_; }
 
-  // Why that command came to nothing, and what to do; `program` is ontime as it was called there.
+  // Why that command failed, and what to do; `program` is ontime as called there.
   orders::Between between(const std::string& program) const;
 
  private:
@@ -39,13 +39,12 @@ class Ssh {
   std::string destination_, folder_;
 };
 
-// The same, of the exit code and of what was said in place of events, by ssh or there. "" where neither
-// tells.
+// As Between::reason: from the exit code and from output that is not an event. "" if unknown.
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said);
 
-// Of what an agent said of the link by which it is reached (agent/agent.hpp): what a reader of the run should
-// know. "" where that link is another than the one under test.
+// A note for the record if ssh uses, or may use, the link under test, from an agent's ssh_link
+// (agent/agent.hpp); else "".
 std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link);
 
 }  // namespace ontime::campaign

@@ -13,7 +13,7 @@ using nlohmann::json;
 constexpr const char* to_component = "to_component";
 constexpr const char* to_controller = "to_controller";
 constexpr int first_port = 5201;  // iperf3's own, which firewalls know
-constexpr double enough = 0.95;   // of what was asked
+constexpr double enough = 0.95;   // of the requested rate
 
 json rate_of(const json& by_host, const char* host, const std::string& way) {
   return by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
@@ -26,7 +26,7 @@ bool running(const json& by_host, const std::string& way) {
 }
 
 std::string megabits(const json& bit_s) {
-  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : "an unknown rate";
+  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : "unknown";
 }
 
 }  // namespace
@@ -44,7 +44,7 @@ std::vector<std::string> ways_of(const Traffic& traffic) {
   return ways;
 }
 
-// The component serves both ways: so only its address need be known, which it is.
+// The component is the iperf3 server in both directions, so only its address is needed.
 background::Stream stream_of(const Run& run, const std::string& way, const std::string& end,
                              const Hosts& hosts) {
   const auto& traffic = run.traffic;
@@ -83,12 +83,11 @@ std::vector<std::string> shortfalls(const json& achieved) {
   std::vector<std::string> texts;
   for (const auto& [way, rates] : achieved.items())
     if (rates.at("short"))
-      texts.push_back(fmt::format(
-          "the traffic that was asked for was NOT there: of {} Mbit/s {} {} sent, and {} arrived at the {}{}",
-          megabits(rates.at("asked_bit_s")), megabits(rates.at("sent_bit_s")),
-          rates.at("sent_bit_s").is_number() ? "were" : "was", megabits(rates.at("received_bit_s")),
-          way == to_component ? "component" : "controller",
-          rates.at("running") ? "" : " (iperf3 had died by the end)"));
+      texts.push_back(fmt::format("TRAFFIC SHORTFALL: {} of {} Mbit/s arrived at the {} ({} sent{})",
+                                  megabits(rates.at("received_bit_s")), megabits(rates.at("asked_bit_s")),
+                                  way == to_component ? "component" : "controller",
+                                  megabits(rates.at("sent_bit_s")),
+                                  rates.at("running") ? "" : "; iperf3 died before the end"));
   return texts;
 }
 

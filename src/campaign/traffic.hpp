@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Concurrent traffic of a run: who sends what to whom, and what came of it.
+// Concurrent traffic of a run: its streams, and the rates that were achieved.
 #pragma once
 
 #include <string>
@@ -11,18 +11,18 @@
 
 namespace ontime::campaign {
 
-// The ways that were asked for: "to_component", "to_controller".
+// The requested directions: "to_component", "to_controller".
 std::vector<std::string> ways_of(const Traffic&);
-// At the components, of what goes over one interface: the same of all that have any.
+// The UDP ports of the traffic at the components: the same at all.
 std::vector<int> ports_of(const Together&);
-// As one of the two ends has it: the controller's, or that component's.
+// The stream at one of the two ends: the controller, or that component.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
-// By what both keepers say, `by_host` controller and component, of each way {asked_bit_s, sent_bit_s,
-// received_bit_s, running, short}: of what one end sent, what the other received; null where it is not known.
-// Short is less than 95 % of what was asked, or less than is known.
+// From what both keepers report, `by_host` controller and component, for each direction {asked_bit_s,
+// sent_bit_s, received_bit_s, running, short}; null: unknown. `short`: less than 95 % of the requested rate
+// arrived, the rate is unknown, or iperf3 died.
 nlohmann::json achieved(const Traffic&, const nlohmann::json& by_host);
-// Of what fell short, for people; nothing if nothing did.
+// A text for each direction that fell short, for people.
 std::vector<std::string> shortfalls(const nlohmann::json& achieved);
 
 }  // namespace ontime::campaign

@@ -43,7 +43,7 @@ void Windows::add(std::span<const Sample> samples) {
 }
 
 void Windows::choose(const Sample& sample) {
-  forget(sample.index);  // given up as lost, it was answered after all
+  forget(sample.index);  // recorded as lost, it was answered later
   const Chosen candidate{badness_of(sample), sample.index};
   const bool kept_waiting = sample.fate == Fate::on_time && candidate.badness_ns > deadline_.count();
   const auto fate = static_cast<std::size_t>(kept_waiting ? Fate::late : sample.fate);
@@ -69,7 +69,7 @@ void Windows::order() {
   for (const auto& host : machines_.traced(component_)) {
     const bool by_its_own_clock = host != "controller";
     const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;
-    if (!difference_ns) continue;  // nothing was answered yet: who could say when it was there?
+    if (!difference_ns) continue;  // nothing was answered yet: the clock difference is unknown
     std::vector<trace::Span> spans;
     spans.reserve(wanted_.size());
     for (const auto& [message, span] : wanted_)

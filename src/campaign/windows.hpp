@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Of a run with `explain: on`: which messages are worth a look at what the kernels did around them: lost
-// ones, late ones, by response too, and the slowest of the others. They are asked for while the keepers still
-// have it; the worst are kept.
+// For a run with `explain: on`: chooses the messages whose kernel events are kept: lost ones, late ones (by
+// response time too), and the slowest of the others. The events are requested while the keepers still have
+// them; the worst are kept.
 #pragma once
 
 #include <array>
@@ -20,14 +20,14 @@ namespace ontime::campaign {
 
 class Windows {
  public:
-  // Of the run with that number of those that are measured at one time.
+  // For the run with that number among those that are measured at the same time.
   Windows(Machines&, const Run&, std::size_t number);
 
   void add(std::span<const roundtrip::Sample>);
-  // Asks the keepers for what was found worth it since; in the loop, not in a handler.
+  // Requests the windows of the messages chosen since the last call. Call it in the loop, not in a handler.
   void order();
   void take(const std::string& host, trace::Window window);
-  // Which run's a window is, of those that are measured at one time. Throws Error.
+  // The number of the run of a window, among those that are measured at the same time. Throws Error.
   static std::size_t number_of(const trace::Window&);
   bool all_came() const { return awaited_ == 0 && wanted_.empty(); }
   void write(record::Writer&, std::int64_t run);
@@ -44,7 +44,7 @@ class Windows {
   Machines& machines_;
   const std::string component_;
   const std::chrono::nanoseconds deadline_;
-  const std::uint64_t first_message_;  // as its messages are numbered among those of all runs
+  const std::uint64_t first_message_;  // the number of its first message among all runs
   roundtrip::Clocks clocks_;
   std::array<std::set<Chosen>, 3> chosen_;  // by fate, those late by response as late; the least bad first
   std::map<std::uint64_t, trace::Span> wanted_;

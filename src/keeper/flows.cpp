@@ -8,7 +8,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double late_report_s = 1;  // of one that is starved itself, but goes on
+constexpr double late_report_s = 1;  // of an iperf3 that is starved, but still runs
 
 }  // namespace
 

@@ -33,9 +33,8 @@ class Flows {
   Clock::time_point begun_;
 };
 
-// What went by in a time, by what was reported at its begin and end; nothing if nothing was. A stretch of
-// which nothing is reported any more is one in which nothing moved; of one that runs, its last second may
-// only be reported late.
+// The average rate between two reports; nothing if no time was reported. Time without reports counts as time
+// without traffic, except the last second of a running iperf3: its report may be late.
 std::optional<double> bits_per_second(const background::Moved& before, const background::Moved& after,
                                       std::chrono::duration<double> elapsed, bool running);
 

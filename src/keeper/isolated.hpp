@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPUs of this machine that are kept for the run that it is in, whichever of its hosts it is for.
+// The CPUs of this machine that are reserved for the current run, for all its hosts.
 #pragma once
 
 #include <map>
@@ -20,7 +20,7 @@ class Isolated {
 
   nlohmann::json apply(const nlohmann::json& order);  // the order "isolate", and its answer
   nlohmann::json keep(pid_t);                         // the answer to "keep"
-  // Of what runs beside: the groups that it enters.
+  // The control groups for load and traffic.
   std::vector<std::string> beside() const;
   nlohmann::json now() const;  // by host, with what each thing is at this moment
   std::vector<std::string> take_back();
@@ -28,7 +28,7 @@ class Isolated {
  private:
   journal::Journal& journal_;
   std::optional<isolation::Isolation> isolation_;
-  std::map<std::string, Changed> hosts_;  // of its interface's interrupts
+  std::map<std::string, Changed> hosts_;  // by host: changes of its interface's interrupts
 };
 
 }  // namespace ontime::keeper

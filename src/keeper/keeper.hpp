@@ -1,31 +1,31 @@
 // SPDX-License-Identifier: Apache-2.0
-// What belongs to a machine, as against an end of a round trip: one process a machine, outside any network
-// namespace, which lives for a whole suite, carries out a coordinator's orders (orders/orders.hpp), and gives
-// back what it changed however it ends.
+// The keeper handles what belongs to a machine, not to one end of a round trip. One process per machine,
+// outside any network namespace, for a whole suite. It carries out a coordinator's orders (orders/orders.hpp)
+// and restores what it changed, however it ends.
 //
 //   order                 answer
-//   open   {transports}   opened {machine, notes, program, lacks}: what it is, what was given back of earlier
-//                         ontimes, where this program lies, why it has not found some of these transports
+//   open   {transports}   opened {machine, notes, program, lacks}: its description, what was restored after
+//                         earlier ontimes, the path of this program, why some transports were not found
 //   join   {components, cable, wire}
 //                         joined {hosts}: namespaces, of the controller and of each component by its name,
-//                         {place, interface, address, port: of the controller's bridge, "" where it has
-//                         none}; cable: null, or the names of two interfaces that are to join the
-//                         controller and its one component; wire: null, or {bits_per_s, vlan}
+//                         {place, interface, address, port: of the controller's bridge, "" without a
+//                         bridge}; cable: null, or the names of two interfaces that join the controller
+//                         and its one component; wire: null, or {bits_per_s, vlan}
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error,
 //                         refused: the setting that this machine cannot have}, and nothing is changed;
-//                         without `refused` the error says nothing of a setting
+//                         without `refused` the error is not about a setting
 //   look   {link, wishes} looked {interface: "" where it is not known, network_namespace, cannot: "NAME: why"
 //                         this machine cannot have the setting, or "", is_root, cpu_latency: why it takes no
 //                         such request, or ""}; nothing is changed
 //   isolate {host, link, wish}
-//                         isolated {stay: what may run on the reserved CPUs all the same, for people, or ""},
+//                         isolated {stay: what can still run on the reserved CPUs, for people, or ""},
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the reserved CPUs
-//   restore {}            restored {notes}: what could not be given back
+//   restore {}            restored {notes}: what could not be restored
 //   load   {host, load}   loaded {given {vm_bytes, vm_mapped_bytes, hdd_bytes}, scaled}, or {error}:
 //   stress-ng
 //                         for a host of that name, until unload; `scaled`: for people, "" as a rule
-//   check  {faults}       checked {}, or {error}: which of them this kernel has not
+//   check  {faults}       checked {}, or {error}: the fault that this kernel lacks
 //   link   {host, network_namespace, interface, faults, traffic_ports, by_ip}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
 //                         unload: what goes by other UDP ports than these, where messages go `by_ip`
@@ -33,9 +33,9 @@
 //   traffic {host, way, stream}   flowing {}, or {error}: one end of one way of it, by iperf3, until
 //                         unload
 //   trace  {}             tracing {missing}: the kernel's events are kept for some seconds, until unload;
-//                         what of them this kernel has not, for people; or {error}
-//   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as may be
-//   unload {}             unloaded {notes}: what of the load could not be given back
+//                         what this kernel cannot trace, for people; or {error}
+//   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as possible
+//   unload {}             unloaded {notes}: what of the load could not be removed
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, hdd_file_bytes {host: …}, traffic
 //   {host: {way: …}},
@@ -43,7 +43,7 @@
 //                         isolation {host: [{setting, thing, before, after, now}]},
 //                         machine}: what was set, and what it is at this moment; the machine as it was at
 //                         begin, but its clock as it is now, with moved_ns: how far it was set since
-//   close  {}             closed {notes}: what could not be given back
+//   close  {}             closed {notes}: what could not be restored
 #pragma once
 
 #include <span>
@@ -66,7 +66,7 @@ isolation::Wish wish_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Faults&);
 background::Faults faults_of(const nlohmann::json&);
 
-// Of all that is changed of a machine, by whatever part of ontime: what its journals may hold.
+// The journal kinds of all modules: everything that ontime changes on a machine.
 std::span<const journal::Kind> kinds();
 
 // Carries out orders from standard input until its end. Returns the exit code.

@@ -15,7 +15,7 @@ void Links::add(const json& order) {
   auto link = std::make_unique<background::Link>(
       journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
       faults_of(order.at("faults")), order.at("traffic_ports").get<std::vector<int>>());
-  auto& counted = links_[host];  // one that could not be had is none
+  auto& counted = links_[host];  // only after the link exists: an error leaves no entry
   counted.link = std::move(link);
   counted.by_ip = order.at("by_ip");
 }
@@ -61,7 +61,7 @@ json Links::end() const {
 
 json account_of(const background::Link::Counts& before, const background::Link::Counts& now) {
   const auto since = [](std::uint64_t then, std::uint64_t count) {
-    if (count < then) throw background::Error("the link's counters were set back");
+    if (count < then) throw background::Error("the link's counters were reset");
     return count - then;
   };
   json account{{"faults",

@@ -21,15 +21,15 @@ class Links {
 
   void add(const nlohmann::json& order);  // "link"
   void clear() { links_.clear(); }
-  // A while from now on, for so long.
+  // Cuts the link `after` from now, for `length`.
   void cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length);
-  // Cuts what is due, tells the host and since when, and returns how long there is until the next.
+  // Makes the cuts that are due, reports host and time of each, and returns the time until the next.
   using Told = std::function<void(const std::string& host, std::chrono::nanoseconds at)>;
   std::chrono::milliseconds go_on(const Told&);
   void begin();  // the account is opened
   // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
-  // received_bytes} where messages go by IP}, or {gone: why it cannot be counted any more, and the faults
-  // are not verified}.
+  // received_bytes} where messages go by IP}, or {gone: why the counters are lost and the faults not
+  // verified}.
   nlohmann::json end() const;
 
  private:
@@ -39,7 +39,7 @@ class Links {
     background::Link::Counts before;
     std::optional<Clock::time_point> to_be_cut;
     std::chrono::milliseconds length{0};
-    bool by_ip = true;  // else what is beside the traffic cannot be told
+    bool by_ip = true;  // else messages cannot be counted apart from the traffic
   };
   journal::Journal& journal_;
   std::map<std::string, Counted> links_;  // by host

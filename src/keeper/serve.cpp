@@ -76,7 +76,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "keep") {
       events_.tell("kept", isolated_.keep(body.at("pid")));
     } else if (order == "restore") {
-      events_.doing("it gives the settings back");
+      events_.doing("restoring settings");
       auto notes = tuned_.take_back();
       std::ranges::move(isolated_.take_back(), std::back_inserter(notes));
       events_.doing("");
@@ -123,7 +123,7 @@ class Keeper final : public orders::Worker {
       std::ranges::move(journal_.revert(), std::back_inserter(told_));
       events_.tell("closed", {{"notes", told_}});
     } else {
-      throw orders::Error(3, "there is no order '" + order + "'");
+      throw orders::Error(3, "unknown order '" + order + "' (a bug: please report)");
     }
   }
 
@@ -166,15 +166,15 @@ class Keeper final : public orders::Worker {
 
   // Returns what does not end, for people.
   std::vector<std::string> end_all() {
-    events_.doing("it ends the load and gives the settings back");
+    events_.doing("stopping the load, restoring settings");
     end_at_once();
     std::vector<std::string> notes;
     for (auto& [host, load] : std::exchange(loads_, {})) {
       if (!load.running) continue;
       if (!background::wait_until([&its = load] { return its.running->end(); }, patience_with_load))
         notes.push_back(fmt::format(
-            "{} does not end: it waits for the kernel, as in a sync of a slow disk. It was killed, and ends "
-            "when the kernel lets it go",
+            "{} does not end: it is in an uninterruptible system call, such as a sync of a slow disk. It was "
+            "killed, and ends when that call returns",
             load.running->name()));
     }
     return notes;
@@ -194,14 +194,14 @@ class Keeper final : public orders::Worker {
 
   // Each window in a frame of its own, none of which is too long then.
   void cut_out(const json& spans) {
-    if (!recorder_) throw orders::Error(3, "the order 'cut-out' came, and nothing is traced");
+    if (!recorder_) throw orders::Error(3, "order 'cut-out' came without a trace (a bug: please report)");
     std::vector<trace::Span> asked;
     for (const auto& span : spans) asked.push_back({span.at(0), span.at(1), span.at(2)});
     for (const auto& window : recorder_->cut(std::move(asked)))
       events_.tell("window", {{"window", trace::to_json(window)}});
   }
 
-  // What was given: it may be less than requested, where a default is too large for this machine.
+  // Returns the actual sizes: a default that is too large for this machine is reduced.
   json load(const std::string& host, const background::Workers& workers) {
     const bool is_first = loads_.empty();
     auto& load = loads_[host];
@@ -217,7 +217,8 @@ class Keeper final : public orders::Worker {
     return {{"given", given}, {"scaled", fitted.scaled}};
   }
 
-  // What this machine has not, or does not permit, is an answer: the run fails, and not the keeper.
+  // An error of this machine (a missing program, no permission) becomes the answer: the run fails, the keeper
+  // goes on.
   template <typename Do>
   static json or_lack(const Do& what) {
     try {
@@ -230,10 +231,11 @@ class Keeper final : public orders::Worker {
     }
   }
 
-  // A suite has many runs, and the journal holds only what there is. What takes the kernel long (a sync of a
-  // slow disk) is not waited for here: meanwhile the coordinator may be gone, and all else is given back.
+  // Does not block while the kernel takes long (a sync of a slow disk): if the coordinator disappears
+  // meanwhile, all other settings must be restored. Folders leave the journal here, so that it does not grow
+  // with the runs of a suite.
   void unload() {
-    events_.doing("it ends the load, the traffic and the link's faults");
+    events_.doing("stopping load, traffic and link faults");
     end_at_once();
     unloading_ = true;
     go_on_unloading();
@@ -242,7 +244,7 @@ class Keeper final : public orders::Worker {
   std::chrono::milliseconds go_on_unloading() {
     for (auto& [host, load] : loads_)
       if (load.running && !load.running->end()) {
-        events_.doing(fmt::format("it waits until {} has ended", load.running->name()));
+        events_.doing(fmt::format("waiting until {} ends", load.running->name()));
         return 20ms;
       }
     unloading_ = false;

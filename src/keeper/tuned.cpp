@@ -67,7 +67,7 @@ json look(const json& order) {
 
 json Tuned::apply(const json& order) {
   try {
-    journal_.hold();  // first: a machine that another ontime holds says nothing of the settings
+    journal_.hold();  // first: while another ontime holds the machine, an error is not about settings
     const auto link = link_of(order.at("link"));
     auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
     const auto told = to_json(changes, link);

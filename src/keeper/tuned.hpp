@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of a machine is set for the run that it is in, host by host.
+// The settings of this machine for the current run, by host.
 #pragma once
 
 #include <map>
@@ -12,7 +12,8 @@
 
 namespace ontime::keeper {
 
-// Of an order's {interface, network_namespace, peer, address}: by whichever of them is there.
+// Of an order's {interface, network_namespace, peer, address}: the interface, else the one that leads to the
+// peer, else the one with the address.
 settings::Link link_of(const nlohmann::json&);
 nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Link&);
 // The order "look", and its answer.

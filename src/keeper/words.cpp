@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What orders ask of a machine has the form that it has in the record of a run: each is a part of one.
+// JSON of order parameters. It has the form of the record of a run, so it is converted by way of a Run.
 #include "keeper/keeper.hpp"
 
 namespace ontime::keeper {

@@ -46,9 +46,10 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
     there_ = true;
     const std::string version = hello.value("version", "unknown");
     if (version != ONTIME_VERSION || hello.value("samples", "") != samples)
-      throw Error(3,
-                  fmt::format("{} is ontime {}, and this is {}{}: install the same on both machines", name_,
-                              version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
+      throw Error(
+          3,
+          fmt::format("{} is ontime {}, this is ontime {}{}. Fix: install the same build on both machines",
+                      name_, version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
   } catch (...) {
     coordinator_.lose(*this);
     throw;
@@ -79,7 +80,7 @@ Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wa
         if (!hear(frame->message))
           for (const auto& note : frame->message.value("notes", std::vector<std::string>()))
             notes.push_back(note);
-    } catch (const std::exception&) {  // what it says is not understood
+    } catch (const std::exception&) {  // it sends something invalid
       more = false;
     }
     if (Clock::now() - heard > longest_silence) {
@@ -124,7 +125,7 @@ json Coordinator::Hand::ask(const std::string& order, json body, const std::stri
 void Coordinator::listen(Hand& hand) {
   auto& frames = hand.process_->frames();
   bool more = true, ended = false;
-  // A worker that never stops talking has only its turn: others must be heard too, and interruptions.
+  // Limits the reads, so that a worker that sends all the time does not block others or interruptions.
   for (int reads = 0; more && reads < reads_a_turn; ++reads) {
     try {
       more = frames.fill();
@@ -133,7 +134,7 @@ void Coordinator::listen(Hand& hand) {
       ended = true;  // what it said before is heard first
     }
     if (more) hand.heard_ = Clock::now();
-    // At each turn, so that who says much at once does not fill our memory.
+    // After each read, so that a large burst does not fill the memory.
     try {
       while (const auto frame = frames.take()) dispatch(hand, *frame);
     } catch (const Broken& broken) {
@@ -142,8 +143,7 @@ void Coordinator::listen(Hand& hand) {
     } catch (const json::exception& error) {
       lose(hand);
       throw Error(3,
-                  fmt::format("{} said what this ontime does not understand ({}): install the same on both "
-                              "machines",
+                  fmt::format("{} sent an invalid event ({}). Fix: install the same build on both machines",
                               hand.name_, error.what()));
     }
   }
@@ -159,7 +159,7 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
     lose(hand);
     const std::string why = frame.message.value("message", "it failed");
     if (frame.message.value("unanswered", false)) throw Unanswered(why);
-    // Ours is no exit code of its choice: whatever fails has failed.
+    // A failed worker must not make ontime exit with 0 or another code of its choice.
     throw Error(frame.message.value("exit", 3) == 2 ? 2 : 3, why);
   }
   if (event == "terminated") return count_termination(interrupts_, SIGTERM);
@@ -173,8 +173,7 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
   }
   const auto handle = hand.handles_.find(event);
   if (handle == hand.handles_.end())
-    throw Error(
-        3, fmt::format("{} said '{}', which was not asked: this is a fault of ontime", hand.name_, event));
+    throw Error(3, fmt::format("{} sent an unexpected event '{}' (a bug: please report)", hand.name_, event));
   handle->second(frame);
 }
 
@@ -194,12 +193,12 @@ void Coordinator::check_silence() {
   for (auto* hand : std::vector(hands_)) {
     if (!hand->there_) continue;  // it is on its way: patience_for_hello
     if (Clock::now() - hand->heard_ <= longest_silence) continue;
-    // Perhaps it was we who did not listen.
+    // This process may have been stopped itself: read what has arrived first.
     listen(*hand);
     if (Clock::now() - hand->heard_ <= longest_silence) continue;
     hand->process_->give_up();
     lose(*hand);
-    throw Error(3, fmt::format("{} was silent for {} s: it was stopped, or the connection to it is gone",
+    throw Error(3, fmt::format("{} was silent for {} s: it is stopped, or the connection to it is lost",
                                hand->name_, longest_silence.count()));
   }
 }
@@ -251,7 +250,7 @@ void Coordinator::until(const std::function<bool()>& done, int tolerated) {
 void Coordinator::drain() noexcept {
   for (auto* hand : std::vector(hands_)) try {
       listen(*hand);
-    } catch (const std::exception&) {  // it is known already that something is wrong
+    } catch (const std::exception&) {  // another error is already being reported
     }
 }
 
@@ -260,7 +259,7 @@ void Coordinator::beat() {
   while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
     for (auto* hand : hands_) try {
         hand->process_->frames().send({{"order", "beat"}});
-      } catch (const Broken&) {  // the loop will find so
+      } catch (const Broken&) {  // the loop notices it too
       }
   }
 }

@@ -28,14 +28,14 @@ struct Frame {
   std::vector<std::uint8_t> bytes;
 };
 
-// What has come, cut into frames. What came may be anything: a shell's complaint, an attack.
+// Cuts received bytes into frames. They may be anything: a shell's error message, an attack.
 class Decoder {
  public:
   void add(std::span<const std::uint8_t> bytes) { buffer_.insert(buffer_.end(), bytes.begin(), bytes.end()); }
-  // The next whole frame. Throws Broken for what is none.
+  // The next whole frame. Throws Broken if the bytes are not a frame.
   std::optional<Frame> take();
-  // What lies there and begins no frame, as far as it is text (a shell's complaint): lines of ASCII, not too
-  // many. Else nothing.
+  // Received bytes that are not a frame, if they are text (a shell's error message): lines of ASCII, not too
+  // many. Else "".
   std::string text() const;
 
  private:
@@ -49,7 +49,7 @@ class Frames {
   Frames(int in, int out);
   // Any thread. Waits while the pipe is full, but no longer than `patience`: then the other end is stuck.
   void send(const nlohmann::json& message, std::span<const std::uint8_t> bytes = {});
-  // As they are, ahead of all frames: for what lies between us and the other end.
+  // Sends raw bytes before all frames, for a program between this process and the worker.
   void put(std::span<const std::uint8_t> bytes, std::chrono::milliseconds patience);
   // One thread. Reads what is there now, without waiting; false if nothing was.
   bool fill();

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// A coordinator and those who carry out its orders: agents and keepers, each a process of the same program at
-// the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
+// A coordinator and its workers, agents and keepers: each a process of the same program at the other end of a
+// pipe, here or (through ssh) on another machine. Ordinary threads only.
 //
-// An order is a frame whose message has "order", an event one that has "event". A worker's first event is
-// hello {version, samples}; when it cannot go on it says failed {exit, message, unanswered}; its last is
-// left {notes}, once it has given back what it changed. Both say "beat" now and then (beat_period), a worker
-// with what it is doing: who is silent for longest_silence is given up, by its name, and a worker that is
-// alone gives back what it changed and leaves.
+// An order is a frame with "order" in its message, an event one with "event". A worker's first event is hello
+// {version, samples}; if it cannot go on it sends failed {exit, message, unanswered}; its last event is left
+// {notes}, once it has restored what it changed. Both send "beat" every beat_period, a worker with what it is
+// doing. After longest_silence the coordinator gives up a worker and reports its name; a worker without
+// coordinator restores what it changed and leaves.
 #pragma once
 
 #include <atomic>
@@ -35,7 +35,7 @@ struct Error : std::runtime_error {
   Error(int code, const std::string& message) : std::runtime_error(message), exit(code) {}
   int exit;
 };
-// A worker is well, and so is the way to it; whom it measures with did not answer in time.
+// The worker and its connection work, but its peer did not answer in time.
 struct Unanswered : Error {
   explicit Unanswered(const std::string& message) : Error(3, message) {}
 };
@@ -49,14 +49,13 @@ void on_termination(void (*handler)(int));
 
 // Counts interruptions: once, to stop and keep; twice, to leave at once.
 using Interrupts = std::atomic<int>;
-// For such a handler: counts the signal. What stops a service or closes a terminal may say so twice, by
-// SIGTERM and SIGHUP and to two threads at once, and counts once. Only a person (SIGINT) who asks again is in
-// a hurry.
+// For such a handler: counts the signal. A service that stops or a terminal that closes may send both SIGTERM
+// and SIGHUP, at once to two threads; they count once. Only SIGINT, from a person, counts each time.
 void count_termination(Interrupts&, int signal) noexcept;
 
 // ── The worker's side
 
-// What a worker is told with: safe from any thread.
+// A worker reports with this; safe from any thread.
 class Events {
  public:
   virtual void tell(const char* event, nlohmann::json body = nlohmann::json::object(),
@@ -73,9 +72,9 @@ class Worker {
   virtual ~Worker() = default;
   // May throw; the coordinator is then told why, and the worker leaves.
   virtual void obey(const std::string& order, const nlohmann::json& body) = 0;
-  // Called between orders: does what is due, and says for how long it may be left alone.
+  // Called between orders: does what is due, and returns after how long to call it again.
   virtual std::chrono::milliseconds go_on() = 0;
-  // Before it leaves, however that comes: takes back what it changed. Returns what stays, for people.
+  // Restores what it changed, before it leaves for any reason. Returns what remains changed, for people.
   virtual std::vector<std::string> give_back() noexcept = 0;
 };
 
@@ -88,11 +87,11 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
 
 struct Interrupted {};  // more often than was tolerated
 
-// What lies between a coordinator and a worker that is started by way of another program (a shell, ssh).
+// For a worker that is started through another program (a shell, ssh).
 struct Between {
-  std::vector<std::uint8_t> ahead;  // what that one reads before the worker reads its orders
-  // Why there is no worker, for people: by the exit code (-1: it was killed, or runs on) and by what was said
-  // in place of events ("": nothing). "" where that is not known.
+  std::vector<std::uint8_t> ahead;  // what that program reads before the worker reads its orders
+  // Why the worker did not start, for people, from the exit code (-1: it was killed, or still runs) and from
+  // output that is not an event ("": none). Returns "" if unknown.
   std::function<std::string(int code, const std::string& said)> reason;
 };
 
@@ -106,8 +105,8 @@ class Coordinator {
   Coordinator(const Coordinator&) = delete;
   Coordinator& operator=(const Coordinator&) = delete;
 
-  // A worker that runs while this lives: its end breaks the pipe, waits until the worker has left, and kills
-  // it where it does not (after longest_silence; at once if it is silent).
+  // A worker that runs as long as this object lives. The destructor closes the pipe, waits until the worker
+  // has left, and kills it if it does not (after longest_silence; at once if it is silent).
   class Hand {
    public:
     Hand(Coordinator&, std::string name, const std::vector<std::string>& command, const std::string& samples,
@@ -120,8 +119,8 @@ class Coordinator {
     // An order, and the event that answers it; throws as await().
     nlohmann::json ask(const std::string& order, nlohmann::json body, const std::string& answer,
                        std::chrono::milliseconds patience, int tolerated = 0);
-    // `handle` is called for each event of that name by this worker, until it is set again: what one may say,
-    // another may not.
+    // `handle` is called for each event of that name from this worker, until it is set again. From another
+    // worker that event is an error.
     using Handle = std::function<void(const Frame&)>;
     void on(const std::string& event, Handle handle) { handles_[event] = std::move(handle); }
     // It failed, is gone, or was given up: no order reaches it any more, and the loop goes on without it.
@@ -131,15 +130,15 @@ class Coordinator {
     // Breaks the pipe and waits until the worker has left, as long as it beats and `wait_on` (called about
     // twice a second) returns true. Nothing kills a worker that still beats.
     struct Left {
-      bool gave_back = false;  // by itself, and said so
-      bool waits = false;      // it is still at it: `wait_on` returned false
+      bool gave_back = false;  // it reported that it restored everything
+      bool waits = false;      // it still restores: `wait_on` returned false
       std::vector<std::string> notes{};
     };
     Left leave(const std::function<bool()>& wait_on);
 
    private:
     friend class Coordinator;
-    bool hear(const nlohmann::json& message);  // whether it is of how the worker is
+    bool hear(const nlohmann::json& message);  // whether it is about the worker's state only
     Coordinator& coordinator_;
     std::string name_;
     std::unique_ptr<Process> process_;
@@ -157,7 +156,7 @@ class Coordinator {
   // interruptions than are tolerated.
   nlohmann::json await(Hand&, const std::string& event, std::chrono::milliseconds patience,
                        int tolerated = 0);
-  // The same, as long as the worker beats; `meanwhile` is called about twice a second.
+  // As above, but waits as long as the worker beats; `meanwhile` is called about twice a second.
   nlohmann::json await(Hand&, const std::string& event, const std::function<void()>& meanwhile,
                        int tolerated);
   // From now on one more interruption than before is tolerated: what is left to do must not be cut short.
@@ -190,7 +189,7 @@ class Coordinator {
   std::thread beating_;
 };
 
-// Where this program lies: what a worker on this machine is started by.
+// The path of this program, with which workers on this machine are started.
 std::string this_program();
 
 }  // namespace ontime::orders

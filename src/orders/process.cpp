@@ -20,7 +20,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-// What a coordinator that is held up for a moment does not hold its workers up by.
+// Large, so that workers do not block when the coordinator is delayed for a moment.
 constexpr int pipe_bytes = 1 << 20;
 constexpr auto patience_ahead = 60s;  // a slow link; before it a slow ssh
 
@@ -28,7 +28,7 @@ std::string errno_text(int code) { return std::generic_category().message(code);
 
 struct Pipe {
   Pipe() {
-    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(3, "no pipe: " + errno_text(errno));
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(3, "cannot create a pipe: " + errno_text(errno));
     fcntl(ends[1], F_SETPIPE_SZ, pipe_bytes);  // as much of it as an ordinary user may have
   }
   ~Pipe() {
@@ -53,7 +53,7 @@ Process::Process(std::string name, const std::vector<std::string>& command, Betw
       frames_(spawned_.out, spawned_.in) {
   try {
     frames_.put(between_.ahead, patience_ahead);
-  } catch (const Broken&) {  // what it said of that is read like all it says
+  } catch (const Broken&) {  // its output tells why, and is read later
   }
 }
 
@@ -112,21 +112,22 @@ siginfo_t Process::end_without_reason() const {
 
 void Process::gone() const {
   const auto info = end_without_reason();
-  if (info.si_pid == 0) throw Error(3, fmt::format("{} ({}) says nothing more", name_, command_));
+  if (info.si_pid == 0)
+    throw Error(3, fmt::format("{} ({}) closed its pipe, but still runs", name_, command_));
   if (info.si_code != CLD_EXITED)
-    throw Error(3, fmt::format("{} ({}) was ended by signal {} ({})", name_, command_, info.si_status,
+    throw Error(3, fmt::format("{} ({}) was killed by signal {} ({})", name_, command_, info.si_status,
                                sigdescr_np(info.si_status)));
   if (info.si_status == 127)
-    throw Error(3,
-                fmt::format("{} could not be started by: {}. Is ontime installed there?", name_, command_));
-  throw Error(3, fmt::format("{} ({}) left with exit code {}", name_, command_, info.si_status));
+    throw Error(3, fmt::format("{} could not be started (exit code 127): {}. Is ontime installed there?",
+                               name_, command_));
+  throw Error(3, fmt::format("{} ({}) ended with exit code {}", name_, command_, info.si_status));
 }
 
 void Process::foreign(const std::string& what) const {
   end_without_reason();
   const auto said = frames_.text();
   throw Error(3, fmt::format("{}: {}{}", name_, what,
-                             said.empty() ? "" : "; it said: " + said.substr(0, said.find('\n'))));
+                             said.empty() ? "" : "; its output: " + said.substr(0, said.find('\n'))));
 }
 
 }  // namespace ontime::orders

@@ -22,11 +22,11 @@ class Process {
 
   Frames& frames() { return frames_; }
   void give_up() { given_up_ = true; }
-  void break_pipe();                 // of orders; what it says is still heard
+  void break_pipe();                 // of orders; its output is still read
   void let_go() { let_go_ = true; }  // it may outlive this
   // How it ended, for people; waits a little for it to do so. Throws Error, always.
   [[noreturn]] void gone() const;
-  // Its first bytes are no frame. Throws Error, always.
+  // Its first bytes are not a frame. Throws Error, always.
   [[noreturn]] void foreign(const std::string& what) const;
 
  private:
@@ -35,7 +35,7 @@ class Process {
     int in, out;  // ours: we write to `in`, read from `out`
   };
   static Spawned spawn(const std::string& name, const std::vector<std::string>& command);
-  // Waits a little for its end; si_pid 0: it runs on. Throws Error where what lies between knows why.
+  // Waits a little for its end; si_pid 0: it still runs. Throws Error if Between::reason knows why.
   siginfo_t end_without_reason() const;
   std::string name_, command_;
   Between between_;

@@ -20,7 +20,7 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-// A middleware may never leave where its link has gone: so long is waited for it.
+// A middleware may hang at exit when its link is gone: then the process ends after this time.
 constexpr unsigned patience_to_leave_s = 3;
 
 Interrupts terminations = 0;
@@ -60,7 +60,7 @@ class EventPipe final : public Events {
  private:
   void beat(std::latch& begun) {
     const sched_param none{};
-    // What is no part of the measurement pre-empts nothing that is.
+    // SCHED_BATCH: this thread must not pre-empt a measuring thread.
     sched_setscheduler(0, SCHED_BATCH, &none);
     std::unique_lock lock(mutex_);
     bool goes_on = tell_beat();
@@ -95,10 +95,10 @@ void obey_all(EventPipe& pipe, Worker& worker) {
     pollfd waiting{frames.in(), POLLIN, 0};
     poll(&waiting, 1, static_cast<int>(alone.count()));
     while (frames.fill()) heard = Clock::now();
-    // Here, for an order may have taken longer, and what was said meanwhile is heard only now.
+    // Checked after reading: an order may take longer than this, and beats have arrived meanwhile.
     if (Clock::now() - heard > longest_silence)
-      throw Error(3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: "
-                                 "it was stopped, or the connection to it is gone",
+      throw Error(3, fmt::format("the coordinator (the ontime command that you started) was silent for {} s: "
+                                 "it is stopped, or the connection to it is lost",
                                  longest_silence.count()));
     while (const auto frame = frames.take()) {
       const std::string order = frame->message.value("order", "");

@@ -203,7 +203,7 @@ class Isolation(unittest.TestCase):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         notes = [note["text"] for note in self.report()[0]["notes"] if note["kind"] == "cpus-shared"]
         self.assertEqual(len(notes), 1, "both ends are on one machine")
-        self.assertIn(f"others may run on CPUs {KEPT} all the same", notes[0])
+        self.assertIn(f"run on CPUs {KEPT}: ", notes[0])
         self.assertIn(f"sleep ({stays.pid}, CPUs {KEPT})", notes[0])
         self.assertNotIn(f"({self.pinned.pid}, ", notes[0])
         self.assertEqual(cpus(stays.pid), {KEPT})
@@ -264,7 +264,7 @@ class Isolation(unittest.TestCase):
             with self.subTest(isolation=isolation):
                 answer = self.placed("[env]", isolation)
                 self.assertEqual(answer.returncode, 2, answer.stderr)
-                self.assertIn("is not where a keeper can look", answer.stderr)
+                self.assertIn("[ip, netns, exec, NAME]", answer.stderr)
         self.assert_given_back()
 
     def test_an_end_in_a_pid_namespace_of_its_own_is_refused(self):

@@ -156,7 +156,7 @@ class Ssh(unittest.TestCase):
     def test_one_machine_reached_in_two_ways_is_said(self):
         answer = self.run_ontime(self.scenario())
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("are on one machine, which is reached in two ways", answer.stderr)
+        self.assertRegex(answer.stderr, "are on one machine.*two keepers")
 
     def test_a_search_looks_at_the_machine_behind_ssh_before_its_first_run(self):
         command = ["ip", "netns", "exec", NEAR, ONTIME, "tune", "search", self.scenario(), "--goal", "p50 < 1 s",
@@ -226,7 +226,7 @@ class Ssh(unittest.TestCase):
         time.sleep(3)
         self.assertEqual(sample_count(self.results), 0)
         out = self.ended(process, 0, "")
-        self.assertIn("kB of samples waited at the controller", " ".join(out.split()))
+        self.assertRegex(" ".join(out.split()), r"\d kB of samples .*ssh")
         self.assertEqual(sample_count(self.results), self.report()[0]["sent"])
         self.assertGreater(self.report()[0]["sent"], 100)
 
@@ -275,7 +275,7 @@ class Ssh(unittest.TestCase):
     def test_deploy_to_another_architecture_is_refused(self):
         answer = self.run_ontime(self.scenario_with_another("uname", "#!/bin/sh\necho riscv64\n"), "--deploy")
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertIn(f"that machine is riscv64, and this ontime is for {os.uname().machine}", answer.stderr)
+        self.assertRegex(answer.stderr, f"riscv64, .*{os.uname().machine}")
         self.assertIn("share/ontime/deploy/riscv64", answer.stderr)
 
     def test_deploy_brings_what_is_installed_for_the_architecture_there(self):
@@ -345,11 +345,11 @@ class Ssh(unittest.TestCase):
     def test_changed_host_key(self):
         other = (self.folder / "other_key.pub").read_text()
         (self.own / "known_hosts").write_text(f"[198.18.2.2]:{PORT} {other}")
-        self.refused("host key of robot is not the one that ssh knows")
+        self.refused("host key of robot .*ssh-keygen -R")
 
     def test_key_that_is_not_let_in(self):
         self.configure(IdentityFile=self.folder / "other_key")
-        self.refused("robot wants a password.*ssh-copy-id robot")
+        self.refused("robot .*ssh-copy-id robot")
 
     def test_nobody_listens(self):
         self.configure(Port=PORT + 1)
@@ -364,10 +364,10 @@ class Ssh(unittest.TestCase):
         for name in ("sh", "cat", "rm", "ip"):
             (self.own / "bin" / name).symlink_to(shutil.which(name))
         self.environment["PATH"] = str(self.own / "bin")
-        self.refused("no ssh client on this machine: install it .sudo apt install openssh-client")
+        self.refused("no ssh client .*sudo apt install openssh-client")
 
     def test_ontime_is_missing_there(self):
-        self.refused("there is no /no/such/ontime on robot: install", program="/no/such/ontime")
+        self.refused("/no/such/ontime not found on robot.*--deploy", program="/no/such/ontime")
 
     def program_there(self, script):
         program = self.own / "ontime-there"
@@ -380,11 +380,11 @@ class Ssh(unittest.TestCase):
                                    (b"event", b"hello", b"version", b"9.9.9", b"samples", b""))
         (self.own / "hello").write_bytes(len(hello).to_bytes(4, "little") + bytes(4) + hello)
         program = self.program_there(f"#!/bin/sh\ncat {self.own}/hello -\n")
-        self.refused("is ontime 9.9.9, and this is .*install the same on both machines", program=program)
+        self.refused("is ontime 9.9.9, this is .*install the same", program=program)
 
     def test_shell_that_says_something_of_its_own(self):
         program = self.program_there(f"#!/bin/sh\necho Welcome to this robot\nexec {ONTIME} \"$@\"\n")
-        self.refused('robot says what is not ontime\'s: "Welcome to this robot"', program=program)
+        self.refused('from robot: "Welcome to this robot"', program=program)
 
     # --- lost in the middle ---
 
