@@ -342,7 +342,7 @@ TEST_P(Explained, WhatCouldNotBeSeenIsSaid) {
                                                     {"component", {{"error", "no root"}}}})
                           .limits;
   EXPECT_THAT(limits, testing::UnorderedElementsAre(HasSubstr("skb:kfree_skb"), HasSubstr("no root"),
-                                                    HasSubstr("a part of what the kernel did")));
+                                                    HasSubstr("incomplete trace of 1 message")));
 }
 
 TEST(Explain, OfMoreThreadsThanThereCanBeIsRefused) {
@@ -378,7 +378,7 @@ TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
   if (leaving_idle_is_told())
     EXPECT_THAT(limits, IsEmpty());
   else
-    EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("does not tell all switches of CPU 1")));
+    EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("switches of CPU 1")));
 }
 
 // What is kept of the time before a window is how each CPU came to what it was at, and no more.
