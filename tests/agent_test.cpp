@@ -344,7 +344,7 @@ TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
   EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }),
               refused("has no topics to name"));
   EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
-              refused("has no neighbours"));
+              refused("has no background topics"));
 }
 
 TEST_F(Agent, SaysThatAPortIsBusy) {

@@ -79,7 +79,7 @@ TEST_F(Neighbours, AreRefusedByNameOfATransportWithoutTopics) {
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {transport: udp}")),
               HasSubstr("transport udp has no topics"));
   EXPECT_THAT(error(with("topics: 1, where: other-process", "ethernet")),
-              HasSubstr("transport ethernet has no neighbours"));
+              HasSubstr("transport ethernet has no background topics"));
 }
 
 TEST_F(Neighbours, AreInNodesAndExecutorsWithRos2Alone) {

@@ -121,7 +121,7 @@ TEST_F(CycloneXml, IsHonouredButForWhatLeadsAroundTheLink) {
 
 TEST_F(CycloneXml, AnotherCarrierIsToldAndNotKeptToAnInterface) {
   set_environment("CYCLONEDDS_URI", domain("<General><Transport>tcp</Transport></General>"));
-  expect_contains(refusal(transport_, config_of(Role::client)), "asks for TCPv4");
+  expect_contains(refusal(transport_, config_of(Role::client)), "TCPv4");
   EXPECT_EQ(facts_of(without_link(), "carrier"), "TCPv4");
 }
 
@@ -394,7 +394,7 @@ TEST_P(Link, PeerOnAnotherLinkIsSeen) {
       in_own_process([&] {
         Answers answers;
         End end(GetParam(), config_of(Role::client), answers);
-        require(eventually([&] { return contains(end->seen(), "looks for others by multicast on ontime0"); }),
+        require(eventually([&] { return contains(end->seen(), "uses multicast on ontime0"); }),
                 "seen: " + end->seen());
       }),
       "");

@@ -155,7 +155,7 @@ TEST_P(Dds, AnIncompatibleQosIsSeen) {
   EXPECT_EQ(in_own_process([&] {
               Answers answers;
               End end(GetParam(), demanding, answers);
-              const std::string expected = "a writer of rt/pong offers best-effort, we ask for reliable";
+              const std::string expected = "a writer of rt/pong offers best-effort, ontime requests reliable";
               require(eventually([&] { return end->seen() == expected; }), "seen: " + end->seen());
               require(!end->matched().both(), "matched all the same");
             }),

@@ -111,7 +111,7 @@ TEST_F(Planted, NothingOfAFolderThatOthersMayWriteToIsBelieved) {
               ElementsAre(AllOf(HasSubstr(folder_path()), HasSubstr("others may write"))));
   EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it was told";
   Journal journal;
-  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("nothing is changed"));
+  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("changes nothing"));
 }
 
 TEST_F(Planted, NothingOfAFolderOfAnotherUserIsBelieved) {
@@ -125,9 +125,9 @@ TEST_F(Planted, NothingOfAFolderOfAnotherUserIsBelieved) {
 TEST_F(Planted, AFolderIsNotLookedForBehindALink) {
   fs::rename(folder_path(), aside("folder"));
   fs::create_symlink(aside("folder"), folder_path());
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("it is no folder")));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("not a folder")));
   Journal journal;
-  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("it is no folder"));
+  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("not a folder"));
 }
 
 // As it was shown: without root the folder may be one under /tmp, where any user can be first.

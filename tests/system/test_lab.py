@@ -496,7 +496,7 @@ class Machines(Lab):
             self.assertIn(f"{moment} bystander={bystander} groups={groups}", said, text)
         for run, code in (("whole", 0), ("inherited", 3), ("free", 0)):
             self.assertIn(f"{run} ended {code}", said, text)
-        self.assertIn("CPUs 1 cannot be reserved: all processes have 0-1 of 0-2 from the start", " ".join(text.split()))
+        self.assertIn("CPUs 1 cannot be reserved: all processes are bound to 0-1 of 0-2", " ".join(text.split()))
 
     @of_all
     def test_a_shell_that_is_killed_takes_its_machine_with_it(self):

@@ -186,7 +186,7 @@ TEST(PongsParameters, ThatAreWrongEndIt) {
     const char* said;
   };
   for (const auto& [parameter, said] :
-       {Case{"priority:=120", "is no priority; SCHED_FIFO has 1 to 99"},
+       {Case{"priority:=120", "is not a priority: 1 to 99"},
         Case{"priority:=high", "of type {integer}"}, Case{"depth:=0", "depth: 0 is less than 1"},
         Case{"reliability:=perhaps", "'perhaps' is not one of reliable, best-effort"}}) {
     auto ends = pong("rmw_cyclonedds_cpp", {"-p", parameter});

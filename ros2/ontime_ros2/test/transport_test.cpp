@@ -140,7 +140,7 @@ TEST(Node, OfTheSameNameIsRefused) {
     std::string error;
     for (int i = 0; i < 5 && error.empty(); ++i)  // discovery gives no guarantee
       error = error_of(config_of(Role::client, {{"rmw", rmw}}));
-    EXPECT_THAT(error, AllOf(HasSubstr("/ontime_ping already"), HasSubstr("--option node="))) << rmw;
+    EXPECT_THAT(error, AllOf(HasSubstr("/ontime_ping already exists"), HasSubstr("--option node="))) << rmw;
     EXPECT_EQ(error_of(config_of(Role::client, {{"rmw", rmw}, {"node", "another"}})), "") << rmw;
   }
 }
@@ -156,12 +156,13 @@ TEST(Qos, ThatDoesNotMatchIsSeenByItsPolicy) {
                 Answers answers;
                 const auto endpoint = two_ends::plugin().open(config, answers);
                 std::string seen;
-                for (int i = 0; i < 2000 && seen.find("offers best-effort, we ask for reliable") == seen.npos;
+                for (int i = 0;
+                     i < 2000 && seen.find("offers best-effort, ontime requests reliable") == seen.npos;
                      ++i) {
                   std::this_thread::sleep_for(5ms);
                   seen = endpoint->seen();
                 }
-                require(seen.find("offers best-effort, we ask for reliable") != seen.npos, seen);
+                require(seen.find("offers best-effort, ontime requests reliable") != seen.npos, seen);
               }),
               "")
         << rmw;
