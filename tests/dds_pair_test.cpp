@@ -231,7 +231,7 @@ TEST_P(Dds, TopicsAreNamedAsInRos) {
             "");
 }
 
-TEST_P(Dds, WhatIsNoTopicIsRefused) {
+TEST_P(Dds, InvalidTopicIsRefused) {
   for (const std::string name :
        {"", "/", "ping", "/robot/", "/robot//ping", "/9lives", "/a b", "/r\u00e9ponse"}) {
     Config config = client();
@@ -245,7 +245,7 @@ TEST_P(Dds, WhatIsNoTopicIsRefused) {
   EXPECT_NE(refusal(GetParam(), config).find("wrong input"), std::string::npos);
 }
 
-TEST_P(Dds, WhatItCannotDoIsRefused) {
+TEST_P(Dds, UnsupportedConfigIsRefused) {
   const auto wrong_input = [](const Config& config, const std::string& named) {
     const auto said = refusal(GetParam(), config);
     EXPECT_EQ(said.find("wrong input: "), 0U) << said;

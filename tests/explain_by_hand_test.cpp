@@ -42,7 +42,7 @@ class ByHand : public Explained {
   std::int64_t run_ = 0;
 };
 
-TEST_P(ByHand, WhatPongKeptExplainsItsPart) {
+TEST_P(ByHand, PongsTraceExplainsItsPart) {
   keep();
   auto sample = late(0, 20 * ms, 0);
   by_its_own_clock(sample);
@@ -56,7 +56,7 @@ TEST_P(ByHand, WhatPongKeptExplainsItsPart) {
                                                             HasSubstr("±46.0 µs")));
 }
 
-TEST_P(ByHand, OfWhatAnOutageLostAsManyAreLookedAtAsWithoutPong) {
+TEST_P(ByHand, MessagesLostInAnOutageAreLimitedWithPongToo) {
   window_.span.to_ns = due + 400 * ms + ahead;
   keep();
   samples_.resize(50 + 49);
@@ -72,7 +72,7 @@ TEST_P(ByHand, OfWhatAnOutageLostAsManyAreLookedAtAsWithoutPong) {
   EXPECT_THAT(account.limits, testing::Contains(HasSubstr("the first 16 of 48 lost")));
 }
 
-TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
+TEST_P(ByHand, TraceOfAnotherPongIsRefused) {
   window_.span.from_ns += 60'000 * ms;
   window_.span.to_ns += 60'000 * ms;
   window_.events.clear();
@@ -83,7 +83,7 @@ TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
 }
 
 // One of two days may have been another's.
-TEST_P(ByHand, WhatFitsOnceAndContradictsOnceIsAnothers) {
+TEST_P(ByHand, TraceWithOneContradictionIsRefused) {
   auto later = window_;
   later.span.message = 70;
   keep({{"component", window_}, {"component", later}});
@@ -103,14 +103,14 @@ TEST_P(ByHand, AWindowThatIsCutOffContradictsNothing) {
   EXPECT_NO_THROW(account_with(sample));
 }
 
-TEST_P(ByHand, WhatACoordinatorsMachineDidIsNotPongs) {
+TEST_P(ByHand, CoordinatorsTraceIsNotTakenForPongs) {
   keep({{"controller", window_}});
   auto sample = late(0, 20 * ms, 0);
   by_its_own_clock(sample);
   EXPECT_THROW(account_with(sample), record::WrongFile);
 }
 
-TEST_P(ByHand, OfMessagesThatWereOnTimeNothingNeedBeKnown) {
+TEST_P(ByHand, MissingTraceOfMessagesOnTimeIsNoLimit) {
   auto of_next = window_;
   of_next.span.message = 51;
   keep({{"component", window_}, {"component", of_next}});
@@ -224,7 +224,7 @@ TEST_P(Drifting, AMessageThatNeverCameIsLookedForAmongItsNeighbours) {
 }
 
 // Where nothing was answered for an hour, the clocks are known as well as they may have drifted since.
-TEST_P(Drifting, WhatNoAnswerSaysIsNotKnownWell) {
+TEST_P(Drifting, UncertaintyGrowsAwayFromAnswers) {
   std::erase_if(samples_, [](const Sample& sample) { return sample.index > 51; });
   std::erase_if(samples_, [](const Sample& sample) { return sample.index >= 40 && sample.index < 50; });
   record::Writer writer("");

@@ -111,7 +111,7 @@ TEST_F(Imports, AHistogramIsARunOfEachThread) {
   EXPECT_NE(runs[0].run.key, runs[1].run.key);
 }
 
-TEST_F(Imports, WhatIsNotKnownIsNotMadeUp) {
+TEST_F(Imports, UnknownValuesStayNull) {
   const auto runs = summaries(read(text));
   const auto& run = runs.at(1);
   ASSERT_TRUE(run.imported);
@@ -134,7 +134,7 @@ TEST_F(Imports, PercentilesBeyondTheHistogramAreLowerBounds) {
   EXPECT_EQ(run.wake_up[statistics::Figure::p50], 6000);
 }
 
-TEST_F(Imports, TheSumOfDashHIsNoThread) {
+TEST_F(Imports, SumColumnOfDashHIsNoThread) {
   const std::string with_sum =
       std::regex_replace(std::string(text), std::regex("\n(\\d+ \\d+\t\\d+)"), "\n$1\t000009");
   auto sums = changed(with_sum, "000000008 000000003", "000000008 000000003 000000011");
@@ -163,11 +163,11 @@ TEST_F(Imports, TheSameThreadOfTwoFilesHasTheSameKeyAndAnotherIdAnother) {
   EXPECT_NE(runs[0].run.key, runs[2].run.key);
 }
 
-TEST_F(Imports, ATextIsOfTheUnitThatIsSaid) {
+TEST_F(Imports, UnitOfATextIsTheStatedOne) {
   EXPECT_EQ(summaries(read(text, {.unit_ns = 1}))[0].wake_up[statistics::Figure::p50], 2);
 }
 
-TEST_F(Imports, EveryWrongTextIsNamed) {
+TEST_F(Imports, EachInvalidTextIsRefusedWithItsFault) {
   const std::string good = text;
   const std::pair<std::string, const char*> cases[] = {
       {"", "no histogram"},
@@ -208,7 +208,7 @@ TEST_F(Imports, EveryWrongTextIsNamed) {
   }
 }
 
-TEST_F(Imports, EveryWrongJsonIsNamed) {
+TEST_F(Imports, EachInvalidJsonIsRefusedWithItsFault) {
   const std::string good = document;
   const std::pair<std::string, const char*> cases[] = {
       {"", "not JSON"},
@@ -240,7 +240,7 @@ TEST_F(Imports, EveryWrongJsonIsNamed) {
     EXPECT_THAT(error_of(content, as_json), HasSubstr(expected)) << content.substr(0, 200);
 }
 
-TEST_F(Imports, WhatIsNoFileIsNamed) {
+TEST_F(Imports, MissingFileIsNamed) {
   EXPECT_THROW(foreign::read((folder_ / "none").string(), {}), record::WrongFile);
   EXPECT_THROW(foreign::read(folder_.string(), {}), record::WrongFile);
 }

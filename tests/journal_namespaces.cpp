@@ -129,7 +129,7 @@ TEST_F(Namespaces, KilledBetweenNameAndNamespaceNothingStays) {
   EXPECT_FALSE(exists());
 }
 
-TEST_F(Namespaces, NotToBeSeenFromHereIsNotGone) {
+TEST_F(Namespaces, InvisibleNamespaceIsNotGone) {
   Victim victim([](Journal& journal) {
     add_namespace(journal, name);
     return "made";

@@ -136,7 +136,7 @@ TEST_F(Namespaces, HaveAWireOfARateAndAVlan) {
   }
 }
 
-TEST_F(Namespaces, OfSeveralComponentsAreOnOneWire) {
+TEST_F(Namespaces, SeveralComponentsAreOnOneWire) {
   {
     journal::Journal journal;
     const auto ends = join_namespaces(journal, {"left_arm", "base"});
@@ -236,7 +236,7 @@ TEST_F(Namespaces, AreNotJoinedByWhatWouldNotComeBack) {
   ip({"link", "delete", "ontime-left"});
 }
 
-TEST_F(Namespaces, OfAKilledProcessAreTakenBack) {
+TEST_F(Namespaces, NamespacesOfAKilledProcessAreRemoved) {
   test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal)[1].name; });
   ASSERT_EQ(victim.said(), "ontime-component");
   EXPECT_TRUE(exist());

@@ -97,7 +97,7 @@ INSTANTIATE_TEST_SUITE_P(Every, Transport, testing::ValuesIn(cases()), [](const 
   return each.param.rmw + "_" + each.param.executor + "_" + each.param.allocator;
 });
 
-TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
+TEST(Options, ImpossibleValuesAreRefusedWithTheFix) {
   const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
   const auto is_wrong = StartsWith("wrong input: ");
   EXPECT_THAT(error({{"executor", "guillotine"}}),
@@ -118,7 +118,7 @@ TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
   EXPECT_THAT(error_of(config), AllOf(is_wrong, HasSubstr("/robot/ping")));
 }
 
-TEST(Options, ThatOnlyAnotherMachineHasAreNoWrongInput) {
+TEST(Options, MissingRmwIsAnErrorOfTheMachineNotOfTheInput) {
   const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
   const auto is_wrong = StartsWith("wrong input: ");
   EXPECT_THAT(error({{"rmw", "rmw_smoke_signals_cpp"}}),
@@ -127,7 +127,7 @@ TEST(Options, ThatOnlyAnotherMachineHasAreNoWrongInput) {
   EXPECT_THAT(error({{"loaned", "on"}}), AllOf(Not(is_wrong), HasSubstr("upper bound")));
 }
 
-TEST(Node, OfTheSameNameIsRefused) {
+TEST(Node, DuplicateNodeNameIsRefused) {
   for (const char* rmw : {"rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"}) {
     two_ends::Child first([&](int end, int ready) {
       Answers answers;
@@ -145,7 +145,7 @@ TEST(Node, OfTheSameNameIsRefused) {
   }
 }
 
-TEST(Qos, ThatDoesNotMatchIsSeenByItsPolicy) {
+TEST(Qos, MismatchIsReportedWithItsPolicy) {
   for (const char* rmw : {"rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"}) {
     const two_ends::Child server([&](int end, int) {
       two_ends::serve(config_of(Role::server, {{"rmw", rmw}}), end);
@@ -228,7 +228,7 @@ void drop_datagrams_above(std::uint32_t bytes, int domain) {
   require(found > 0, "no socket to filter");
 }
 
-TEST(Losses, OnTheWayAreToldByFastDdsAlone) {
+TEST(Losses, OnlyFastDdsReportsLossesOnTheWay) {
   for (const std::string rmw : rmws) {
     const two_ends::Child server([&](int end, int) {
       two_ends::serve(config_of(Role::server, {{"rmw", rmw}}), end);
@@ -295,7 +295,7 @@ std::string out_of_reach() {
 }
 
 // LTTng's, where ROS 2's trace points have it, start as it is loaded. Any thread blocks signals as it starts.
-TEST(Threads, ThatBlockSignalsWereBornWithFewPrivileges) {
+TEST(Threads, SignalBlockingThreadsStartWithFewPrivileges) {
   EXPECT_EQ(in_own_process([] {
               Answers answers;
               const Options options{{"rmw", "rmw_cyclonedds_cpp"}};
