@@ -346,7 +346,7 @@ TEST_F(Agent, UndeclaredCapabilityIsRefused) {
   EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("launch-time"));
   EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }), refused("/arm/pong"));
   EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
-              refused("has no neighbours"));
+              refused("has no background topics"));
 }
 
 TEST_F(Agent, BusyPortIsReported) {

@@ -121,11 +121,11 @@ TEST_F(CycloneXml, IsHonouredButForWhatLeadsAroundTheLink) {
 
 TEST_F(CycloneXml, AnotherCarrierIsToldAndNotKeptToAnInterface) {
   set_environment("CYCLONEDDS_URI", domain("<General><Transport>tcp</Transport></General>"));
-  expect_contains(refusal(transport_, config_of(Role::client)), "asks for TCPv4");
+  expect_contains(refusal(transport_, config_of(Role::client)), "TCPv4");
   EXPECT_EQ(facts_of(without_link(), "carrier"), "TCPv4");
 }
 
-TEST_F(CycloneXml, ThatIsWrongIsRefusedByItsLine) {
+TEST_F(CycloneXml, InvalidXmlIsRefusedWithItsLine) {
   const auto path = write("<CycloneDDS>\n<Domain>\n<General></Domain></CycloneDDS>");
   Config config = config_of(Role::client);
   config.options["config"] = path;
@@ -256,7 +256,7 @@ TEST_F(FastXml, KeepsItsTransportsWhereNoLinkIsNamed) {
 
 // They sleep on an event as its timer does, and as what sends again, which no message passes through on its
 // way.
-TEST_F(FastXml, WhatReceivesInSharedMemoryIsKnownToReceive) {
+TEST_F(FastXml, SharedMemoryThreadHasRoleReceive) {
   Config config = without_link();
   config.options["profiles"] = write(profile("p"));
   const std::string roles = in_own_process([&] {
@@ -303,7 +303,7 @@ TEST_F(FastXml, TheRestOfItIsHonoured) {
   expect_contains(said, "sendSocketBufferSize");
 }
 
-TEST_F(FastXml, ThatIsWrongIsRefusedByItsLine) {
+TEST_F(FastXml, InvalidXmlIsRefusedWithItsLine) {
   const auto path = write("<dds>\n<profiles><participant>");
   Config config = config_of(Role::client);
   config.options["profiles"] = path;
@@ -311,20 +311,20 @@ TEST_F(FastXml, ThatIsWrongIsRefusedByItsLine) {
   expect_contains(said, "wrong input: fastdds: " + path + ", line 2");
 }
 
-TEST_F(FastXml, WhatAnotherParticipantSaysMeanwhileIsNoFaultOfIt) {
+TEST_F(FastXml, MessagesOfAnotherParticipantAreNoFault) {
   another_participant_speaks = true;
   const auto said = refusal(transport_, config_of(Role::client));
   another_participant_speaks = false;
   EXPECT_EQ(said, "");
 }
 
-TEST_F(FastXml, ThatIsNamedAndNotThereIsRefused) {
+TEST_F(FastXml, MissingNamedFileIsRefused) {
   set_environment("FASTRTPS_DEFAULT_PROFILES_FILE", "/no/such.xml");
   expect_contains(refusal(transport_, config_of(Role::client)),
                   "cannot open the configuration /no/such.xml, named by FASTRTPS_DEFAULT_PROFILES_FILE");
 }
 
-TEST_F(FastXml, ThatLiesInTheFolderIsHonouredUnlessSkipped) {
+TEST_F(FastXml, DefaultFileInTheFolderIsUsedUnlessSkipped) {
   const auto before = std::filesystem::current_path();
   write(profile("here"), "DEFAULT_FASTRTPS_PROFILES.xml");
   set_environment("FASTRTPS_DEFAULT_PROFILES_FILE", write(profile("named"), "named.xml"));
@@ -390,14 +390,13 @@ TEST_P(Link, PeerOnAnotherLinkIsSeen) {
   elsewhere.interface = "ontime0";
   elsewhere.address = "10.77.77.1";
   Process serving([&](const auto& await_end) { serve("cyclonedds", elsewhere, await_end); });
-  EXPECT_EQ(
-      in_own_process([&] {
-        Answers answers;
-        End end(GetParam(), config_of(Role::client), answers);
-        require(eventually([&] { return contains(end->seen(), "looks for others by multicast on ontime0"); }),
-                "seen: " + end->seen());
-      }),
-      "");
+  EXPECT_EQ(in_own_process([&] {
+              Answers answers;
+              End end(GetParam(), config_of(Role::client), answers);
+              require(eventually([&] { return contains(end->seen(), "uses multicast on ontime0"); }),
+                      "seen: " + end->seen());
+            }),
+            "");
   EXPECT_EQ(serving.finish(), "");
   EXPECT_EQ(std::system("ip link delete ontime0"), 0);
   // NOLINTEND(concurrency-mt-unsafe)

@@ -155,7 +155,7 @@ TEST_P(Dds, AnIncompatibleQosIsSeen) {
   EXPECT_EQ(in_own_process([&] {
               Answers answers;
               End end(GetParam(), demanding, answers);
-              const std::string expected = "a writer of rt/pong offers best-effort, we ask for reliable";
+              const std::string expected = "a writer of rt/pong offers best-effort, ontime requests reliable";
               require(eventually([&] { return end->seen() == expected; }), "seen: " + end->seen());
               require(!end->matched().both(), "matched all the same");
             }),
@@ -231,7 +231,7 @@ TEST_P(Dds, TopicsAreNamedAsInRos) {
             "");
 }
 
-TEST_P(Dds, WhatIsNoTopicIsRefused) {
+TEST_P(Dds, InvalidTopicIsRefused) {
   for (const std::string name :
        {"", "/", "ping", "/robot/", "/robot//ping", "/9lives", "/a b", "/r\u00e9ponse"}) {
     Config config = client();
@@ -245,7 +245,7 @@ TEST_P(Dds, WhatIsNoTopicIsRefused) {
   EXPECT_NE(refusal(GetParam(), config).find("wrong input"), std::string::npos);
 }
 
-TEST_P(Dds, WhatItCannotDoIsRefused) {
+TEST_P(Dds, UnsupportedConfigIsRefused) {
   const auto wrong_input = [](const Config& config, const std::string& named) {
     const auto said = refusal(GetParam(), config);
     EXPECT_EQ(said.find("wrong input: "), 0U) << said;

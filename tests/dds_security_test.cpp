@@ -133,7 +133,7 @@ TEST_P(DdsStrangers, AreNotLetIn) {
   EXPECT_EQ(serving.finish(), "");
 }
 
-TEST_P(DdsStrangers, WhatIsNoIdentityIsRefusedByName) {
+TEST_P(DdsStrangers, InvalidIdentityIsRefusedByName) {
   if (!have(GetParam())) GTEST_SKIP() << GetParam() << " is not built";
   auto config = config_with(Authority(), Role::client, "controller", Level::sign);
   config.security->identity_ca =

@@ -176,7 +176,7 @@ TEST_P(Evidence, AnEventByAnotherThreadProvesASwitch) {
   EXPECT_EQ(part.culprit, "another");
 }
 
-TEST_P(Evidence, WhoLeftWithoutAnEventIsNotAccused) {
+TEST_P(Evidence, ThreadThatLeftWithoutAnEventIsNotAccused) {
   switched(due - ms / 2, 1, 0, "R", hog);
   event(due - ms / 3, 1, Kind::timer, hog);
   event(due - ms / 3 + us, 1, Kind::timer_end, hog);

@@ -32,7 +32,7 @@ TEST_P(Links, OneThatHasNoCarrierAtBothEndsIsNamedAtOne) {
             "the link was down at ping's side: to-component had no carrier");
 }
 
-TEST_P(Links, ThatOneHasNoCarrierIsToldLate) {
+TEST_P(Links, LostCarrierIsReportedLate) {
   down("controller", due + 700 * ms, due + 900 * ms, false);
   EXPECT_EQ(first(message(lost())).cause, Cause::link_down);
 }
@@ -62,7 +62,7 @@ TEST_P(Links, APacketThatARuleDroppedIsNotTheLinks) {
   EXPECT_EQ(first(message(lost())).cause, Cause::dropped);
 }
 
-TEST_P(Links, WhoIsNotFoundSoonAfterOneWasDownWasForgottenForIt) {
+TEST_P(Links, NoNeighbourSoonAfterALinkDownIsLinkDown) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
@@ -72,7 +72,7 @@ TEST_P(Links, WhoIsNotFoundSoonAfterOneWasDownWasForgottenForIt) {
   EXPECT_EQ(first(message(lost())).cause, Cause::link_down);
 }
 
-TEST_P(Links, WhoIsNotFoundLongAfterOneWasDownHasAnotherReason) {
+TEST_P(Links, NoNeighbourLongAfterALinkDownHasAnotherCause) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
@@ -120,7 +120,7 @@ TEST_P(Links, APacketOfTheLoopbackDoesNotHideAWire) {
   EXPECT_EQ(part.thread, "napi/eth1-1");
 }
 
-TEST_P(Links, WhatAFileSaysOfThemThatCannotBeIsNothing) {
+TEST_P(Links, ImpossibleLinkTimesInAFileAreIgnored) {
   down_["component"] = {{{"from_ns", "x"}, {"to_ns", nullptr}, {"taken", true}},
                         {{"from_ns", -1.5}, {"to_ns", due + ms}, {"taken", true}},
                         {{"from_ns", 0}, {"to_ns", std::int64_t{1} << 62}, {"taken", true}},

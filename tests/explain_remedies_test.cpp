@@ -33,7 +33,7 @@ TEST_F(Remedies, ARealTimeThreadBehindAMoreUrgentOneGetsAPriorityOrACpu) {
                                    Setting{"realtime.receive.cpus", "other CPUs than those of hog"}));
 }
 
-TEST_F(Remedies, OfRealTimeThatIsOnAlreadyItSaysThatThisThreadDoesNotHaveIt) {
+TEST_F(Remedies, RealtimeOnButDeniedIsReportedAsDenied) {
   const json asked{{"realtime", true}};
   EXPECT_THAT(settings(receiver(Cause::cpu, ordinary, "hog"), asked), IsEmpty());
   EXPECT_THAT(advice(receiver(Cause::cpu, ordinary, "hog"), asked), HasSubstr("denied"));

@@ -4,7 +4,7 @@
 namespace ontime::explain {
 namespace {
 
-TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
+TEST_P(Explained, ThreadBehindAnotherWaitsForACpu) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 20 * ms, 1, hog, "R", answers);
@@ -22,7 +22,7 @@ TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
   EXPECT_THAT(advice(part), HasSubstr("realtime: on"));
 }
 
-TEST_P(Explained, OfTwoThreadsThatReceiveTheOneThatAnswersIsFollowed) {
+TEST_P(Explained, AnsweringOneOfTwoReceiversIsFollowed) {
   constexpr std::int32_t other = 21;
   component_threads_ = threads({{other, "receive"}, {answers, "receive"}});
   switched(due - ms / 2, 2, hog, "S", other);
@@ -38,7 +38,7 @@ TEST_P(Explained, OfTwoThreadsThatReceiveTheOneThatAnswersIsFollowed) {
   EXPECT_EQ(part.stage, Stage::delivered);
 }
 
-TEST_P(Explained, OfTwoThreadsThatReceiveAnAnswerTheOneThatBeganLastIsFollowed) {
+TEST_P(Explained, OfTwoAnswerReceiversTheLastToBeginIsFollowed) {
   constexpr std::int32_t other = 12, another = 98;
   controller_threads_ = threads({{asks, "send"}, {other, "receive"}, {hears, "receive"}});
   switched(due - ms / 2, 3, another, "S", other);
@@ -57,7 +57,7 @@ TEST_P(Explained, OfTwoThreadsThatReceiveAnAnswerTheOneThatBeganLastIsFollowed) 
   EXPECT_EQ(part.end, "controller");
 }
 
-TEST_P(Explained, AThreadThatIsStopped) {
+TEST_P(Explained, StoppedThreadIsStopped) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", 0);
   switched(due - 600 * us, 1, hog, "S", 0);
@@ -154,7 +154,7 @@ TEST_P(Explained, SenderIsBusyFromTheTimeThatItNotedItself) {
   EXPECT_GT(part.ns, 14 * ms);
 }
 
-TEST_P(Explained, WhoComesToAnIdleCpuIsNotAccusedBeforeItIsSeenToRun) {
+TEST_P(Explained, ThreadComingToAnIdleCpuIsAccusedOnlyOnceItRuns) {
   switched(sent - ms / 2, 1, answers, "S", 0);
   sender_wakes_and_sends();
   event(sent + 9 * us, 0, Kind::waking, hog, 0, "1");
@@ -185,7 +185,7 @@ TEST(Scheduling, AThreadCameAfterItWasWokenAndTheIdleThreadDidItsLast) {
 }
 
 // As many as a window may have, of which each CPU that was idle tells so at the end.
-TEST(Scheduling, OfAsManyEventsAsMayBeIsInOrderOfTime) {
+TEST(Scheduling, MostEventsOfAWindowAreInOrderOfTime) {
   constexpr std::int32_t cpus = 8192, wakings = 33'000;
   std::vector<Event> events;
   for (int cpu = 0; cpu < cpus; ++cpu)
@@ -236,7 +236,7 @@ TEST_P(Explained, APacketThatIsDropped) {
   EXPECT_THAT(advice(first(message)), HasSubstr("kernel.rmem-max"));
 }
 
-TEST_P(Explained, WhatKeptAMessageUntilItsTimeOutLostIt) {
+TEST_P(Explained, DelayUntilTheTimeOutLosesTheMessage) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", 0);
   sender_wakes_and_sends();
@@ -254,7 +254,7 @@ TEST_P(Explained, ForeignPacketDroppedAccusesNoThread) {
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }
 
-TEST_P(Explained, WhatHadTheCpuBeforeItWasWantedIsNotAccused) {
+TEST_P(Explained, ThreadOnTheCpuBeforeItWasNeededIsNotAccused) {
   switched(due - ms / 2, 1, hog, "S", 0);
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
@@ -336,16 +336,16 @@ TEST_P(Explained, TheSameCulpritsAreOneGroup) {
   EXPECT_THAT(account.limits, IsEmpty());
 }
 
-TEST_P(Explained, WhatCouldNotBeSeenIsSaid) {
+TEST_P(Explained, MissingEventsAndIncompleteTraceAreLimits) {
   window_.whole = false;
   const auto limits = account(late(0, 20 * ms, 0), {{"controller", {{"missing", {"skb:kfree_skb (that …)"}}}},
                                                     {"component", {{"error", "no root"}}}})
                           .limits;
   EXPECT_THAT(limits, testing::UnorderedElementsAre(HasSubstr("skb:kfree_skb"), HasSubstr("no root"),
-                                                    HasSubstr("a part of what the kernel did")));
+                                                    HasSubstr("incomplete trace of 1 message")));
 }
 
-TEST(Explain, OfMoreThreadsThanThereCanBeIsRefused) {
+TEST(Explain, FileWithTooManyThreadsIsRefused) {
   record::Writer writer("");
   const auto run = writer.begin_run({{"id", "x"}});
   const json thread{{"tid", 1}, {"role", "receive"}};
@@ -368,7 +368,7 @@ TEST_P(Explained, ARunWithoutTracesIsNotExplained) {
   EXPECT_FALSE(account_of(reader, reader.runs().at(0)).traced);
 }
 
-TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
+TEST_P(Explained, UntracedSwitchesFromIdleAreALimit) {
   sender_wakes_and_sends();
   for (int i = 1; i <= 11; ++i) {
     switched(sent + i * ms, 1, hog, "S", 0);
@@ -378,11 +378,11 @@ TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
   if (leaving_idle_is_told())
     EXPECT_THAT(limits, IsEmpty());
   else
-    EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("does not tell all switches of CPU 1")));
+    EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("switches of CPU 1")));
 }
 
 // What is kept of the time before a window is how each CPU came to what it was at, and no more.
-TEST_P(Explained, OfCpusThatWereIdleBeforeAllThatNothingIsSaid) {
+TEST_P(Explained, CpusIdleBeforeTheWindowGiveNoLimit) {
   for (int i = 20; i > 0; --i) switched(due - ms - i * us, 1, hog, "S", 0);
   sender_wakes_and_sends();
   EXPECT_THAT(account(late(0, 20 * ms, 0)).limits, IsEmpty());
@@ -401,14 +401,14 @@ TEST_P(Explained, APartSaysWhenItWas) {
 }
 
 // What is kept of the time before a window was kept for one of the two that a switch names.
-TEST_P(Explained, WhoCameToACpuLongAgoIsNotThereStill) {
+TEST_P(Explained, OldSwitchDoesNotNameTheRunningThread) {
   event(due - 900 * ms, 1, Kind::switched, hog, asks, "R");  // hog is ready since; asks slept since then
   event(due - 2 * ms, 1, Kind::switched, answers, hog, "S");
   sender_wakes_and_sends(8 * ms);
   EXPECT_EQ(first(message(late(8 * ms, 0, 0))).cause, Cause::timer);
 }
 
-TEST(Scheduling, WhoSleptBeforeTheWindowDidNotComeByWhatAnotherDidThere) {
+TEST(Scheduling, ThreadThatSleptBeforeTheWindowIsNotInferredToRun) {
   const auto at = [](std::int64_t at_ns, Kind kind, std::int32_t thread, std::int32_t other,
                      const char* what) {
     return Event{
@@ -448,7 +448,7 @@ TEST_P(Explained, AReadyThreadThatTheSchedulerPassesOverForIdlingIsThrottled) {
   EXPECT_GT(part.ns, 17 * ms);
 }
 
-TEST_P(Explained, AThreadThatCameFirstWasNotTakenFromByWhoWasThereBefore) {
+TEST_P(Explained, ThreadThatCameFirstIsNotDelayedByTheEarlierOne) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 14 * ms, 1, hog, "S", 0);  // and it comes at once
@@ -470,7 +470,7 @@ TEST_P(Explained, ARealTimeThreadThatWaitsLongForSeveralOrdinaryOnesIsThrottled)
 }
 
 // As the kernel says it of one that waits all the time.
-TEST_P(Explained, WhoIsMovedHasThePriorityThatIsSaidThen) {
+TEST_P(Explained, MovedThreadHasThePriorityOfTheMove) {
   event(sent, 1, Kind::moved, answers, 0, "1");
   window_.events.back().thread.priority = fifo_80;
   EXPECT_EQ(Timeline(window_, 0).priority_of(answers), fifo_80);
@@ -523,7 +523,7 @@ TEST_P(Explained, AMessageWhoseNeighbourAnsweredIsNotUnreachable) {
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
-TEST_P(Explained, WhatAnotherThreadOfPingHasNoRouteForIsNotTheMessage) {
+TEST_P(Explained, NoRouteOfAnotherPingThreadIsIgnored) {
   event(sent + 5 * us, 0, Kind::no_route, hears);
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }

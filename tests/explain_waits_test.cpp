@@ -35,7 +35,7 @@ TEST_P(Waits, OneThatSleepsAfterAMessageThatIsLostIsNotAccused) {
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }
 
-TEST_P(Waits, WhoRanWhenATimerWokeAThreadIsNotAccused) {
+TEST_P(Waits, ThreadInterruptedByATimerIsNotAccused) {
   has_the_message();
   switched(sent + 30 * us, 1, answers, "S", 0);
   event(sent + 15 * ms - us, 0, Kind::timer, hog);
@@ -48,7 +48,7 @@ TEST_P(Waits, WhoRanWhenATimerWokeAThreadIsNotAccused) {
   EXPECT_EQ(part.culprit, "");
 }
 
-TEST_P(Waits, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
+TEST_P(Waits, KernelFunctionsTellWhatAThreadWaitedFor) {
   has_the_message();
   switched(sent + 30 * us, 1, answers, "D", 0);
   event(sent + 31 * us, 1, Kind::waits, answers, 0,
@@ -61,7 +61,7 @@ TEST_P(Waits, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
   EXPECT_EQ(part.culprit, "") << "who ended the wait has no part in it";
 }
 
-TEST_P(Waits, WhatAThreadRunsBetweenTwoWaitsForPagesIsForThem) {
+TEST_P(Waits, RunBetweenTwoPageFaultsCountsAsPageFault) {
   has_the_message();
   for (int i = 0; i < 50; ++i) waits_for_a_page(sent + 30 * us + i * 300 * us);
   switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
@@ -85,14 +85,14 @@ TEST_P(Waits, AnIdleCpuThatAThreadComesToBetweenTwoWaitsForPagesIsForThem) {
   EXPECT_GT(first(message).ns, 14 * ms);
 }
 
-TEST_P(Waits, WhatAThreadComputesAfterAPageIsBusy) {
+TEST_P(Waits, ComputingAfterAPageFaultIsBusy) {
   has_the_message();
   for (const auto at : {sent + 30 * us, sent + 14 * ms}) waits_for_a_page(at);
   switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
   EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::busy);
 }
 
-TEST(Causes, OfWaitsInTheKernel) {
+TEST(Causes, KernelFunctionsOfAWaitNameItsCause) {
   EXPECT_EQ(cause_of_wait("schedule rwsem_down_read_slowpath down_read lock_mm_and_find_vma exc_page_fault"),
             Cause::lock)
       << "not for the page, but to look it up";
@@ -114,7 +114,7 @@ TEST_P(Waits, AThreadThatSleptUntilAPacketCameIsNotAccused) {
   EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::unknown);
 }
 
-TEST_P(Waits, WhoEndedAnEarlierWaitIsNotAccusedOfTheNext) {
+TEST_P(Waits, WakerOfAnEarlierWaitIsNotAccused) {
   has_the_message();
   switched(sent + 30 * us, 1, answers, "S", 0);
   event(sent + 50 * us, 0, Kind::waking, answers, hog, "1");
@@ -151,7 +151,7 @@ TEST_P(Waits, ASenderThatStoodStillIsAFaultThoughItsMessageWasQuick) {
   EXPECT_THAT(account.groups, SizeIs(1));
 }
 
-TEST(Sample, OfCyclesThatPassedWhileAnAnswerWasAwaitedNoneWasSleptThrough) {
+TEST(Sample, CyclesDuringAWaitForAnAnswerAreNotSkippedBySleep) {
   Sample sample{.index = 1,
                 .intended_ns = 10 * ms,
                 .due_ns = 40 * ms,

@@ -111,7 +111,7 @@ TEST_F(Imports, AHistogramIsARunOfEachThread) {
   EXPECT_NE(runs[0].run.key, runs[1].run.key);
 }
 
-TEST_F(Imports, WhatIsNotKnownIsNotMadeUp) {
+TEST_F(Imports, UnknownValuesStayNull) {
   const auto runs = summaries(read(text));
   const auto& run = runs.at(1);
   ASSERT_TRUE(run.imported);
@@ -134,7 +134,7 @@ TEST_F(Imports, PercentilesBeyondTheHistogramAreLowerBounds) {
   EXPECT_EQ(run.wake_up[statistics::Figure::p50], 6000);
 }
 
-TEST_F(Imports, TheSumOfDashHIsNoThread) {
+TEST_F(Imports, SumColumnOfDashHIsNoThread) {
   const std::string with_sum =
       std::regex_replace(std::string(text), std::regex("\n(\\d+ \\d+\t\\d+)"), "\n$1\t000009");
   auto sums = changed(with_sum, "000000008 000000003", "000000008 000000003 000000011");
@@ -163,11 +163,11 @@ TEST_F(Imports, TheSameThreadOfTwoFilesHasTheSameKeyAndAnotherIdAnother) {
   EXPECT_NE(runs[0].run.key, runs[2].run.key);
 }
 
-TEST_F(Imports, ATextIsOfTheUnitThatIsSaid) {
+TEST_F(Imports, UnitOfATextIsTheStatedOne) {
   EXPECT_EQ(summaries(read(text, {.unit_ns = 1}))[0].wake_up[statistics::Figure::p50], 2);
 }
 
-TEST_F(Imports, EveryWrongTextIsNamed) {
+TEST_F(Imports, EachInvalidTextIsRefusedWithItsFault) {
   const std::string good = text;
   const std::pair<std::string, const char*> cases[] = {
       {"", "no histogram"},
@@ -176,28 +176,30 @@ TEST_F(Imports, EveryWrongTextIsNamed) {
       {"\x7f"
        "ELF\x01\x01",
        "line 1: '\x7f"
-       "ELF\x01\x01' is no whole number"},
-      {good.substr(0, 109), "it is cut off"},
-      {good.substr(0, good.rfind("# Thread 1") + 20), "line 16: it has no end: the file is cut off"},
-      {good.substr(0, good.rfind("00019") + 4), "line 12: it has no end: the file is cut off"},
+       "ELF\x01\x01' is not a whole number"},
+      {good.substr(0, 109), "cut off"},
+      {good.substr(0, good.rfind("# Thread 1") + 20), "line 16: no end of line"},
+      {good.substr(0, good.rfind("00019") + 4), "line 12: no end of line"},
       {good.substr(0, good.find("# Max")), "'# Max Latencies:'"},
-      {changed(good, "000002 000007", "000002 -00007"), "line 5: '-00007' is no whole number"},
-      {changed(good, "000002 000007", "000002 nan"), "'nan' is no whole number"},
-      {changed(good, "000002 000007", "000002 7.5"), "'7.5' is no whole number"},
-      {changed(good, "000002 000007", "000002 99999999999999999999"), "no whole number"},
+      {changed(good, "000002 000007", "000002 -00007"), "line 5: '-00007' is not a whole number"},
+      {changed(good, "000002 000007", "000002 nan"), "'nan' is not a whole number"},
+      {changed(good, "000002 000007", "000002 7.5"), "'7.5' is not a whole number"},
+      {changed(good, "000002 000007", "000002 99999999999999999999"), "not a whole number"},
       {changed(good, "000002 000007", "000002 18446744073709551615"), "more values than any run has"},
-      {changed(good, "000002 000007", "000002 000009"), "column 1: its lines add up to 10, and it says 8"},
+      {changed(good, "000002 000007", "000002 000009"),
+       "column 1: the counts add up to 10, but 'Total' is 8"},
       {changed(good, "000002 000007\t000000", "000002 000007"), "line 5: it has 2 columns"},
-      {changed(good, "000002 000007\t000000", "000002"), "how often it was seen"},
+      {changed(good, "000002 000007\t000000", "000002"), "a value and its count"},
       {changed(good, "000003 ", "000001 "), "1 comes after 2"},
-      {changed(good, "# Min Latencies: 00002", "# Min Latencies: 00003"), "the least value is 3"},
-      {changed(good, "# Max Latencies: 00004", "# Max Latencies: 00005"), "the greatest value is 5"},
-      {changed(good, "# Max Latencies: 00004", "# Max Latencies: 99999999999999"), "the greatest value is"},
-      {changed(good, "00004 00019", "00004 18446744073709551615"), "a maximum of"},
+      {changed(good, "# Min Latencies: 00002", "# Min Latencies: 00003"), "minimum 3"},
+      {changed(good, "# Max Latencies: 00004", "# Max Latencies: 00005"), "maximum 5"},
+      {changed(good, "# Max Latencies: 00004", "# Max Latencies: 99999999999999"), "maximum 99999999999999"},
+      {changed(good, "00004 00019", "00004 18446744073709551615"),
+       "the maximum 18446744073709551615 is out of range"},
       {changed(good, "# Thread 1: 00003 00004", "# Thread 1:\n# Thread 2:\n# Thread 3:"), "names 4 threads"},
       {changed(good, "00000 00002", "00000 18446744073709551615"), "more values than any run has"},
       {good + good, "line 20"},
-      {document, "line 1: '{' is no whole number"},
+      {document, "line 1: '{' is not a whole number"},
   };
   for (const auto& [content, expected] : cases) {
     EXPECT_THAT(error_of(content), HasSubstr(expected));
@@ -206,39 +208,39 @@ TEST_F(Imports, EveryWrongTextIsNamed) {
   }
 }
 
-TEST_F(Imports, EveryWrongJsonIsNamed) {
+TEST_F(Imports, EachInvalidJsonIsRefusedWithItsFault) {
   const std::string good = document;
   const std::pair<std::string, const char*> cases[] = {
-      {"", "it is no JSON"},
-      {"[]", "there is no 'thread'"},
-      {"nan", "it is no JSON"},
+      {"", "not JSON"},
+      {"[]", "no 'thread'"},
+      {"nan", "not JSON"},
       {good.substr(0, good.size() / 2), "cut off"},
       {std::string(100'000, '['), "nested deeper"},
-      {changed(good, "\"thread\"", "\"threads\""), "there is no 'thread'"},
-      {changed(good, "\"0\": {", "\"-1\": {"), "'-1' is no thread's number"},
-      {changed(good, R"({"9": 1, "10": 98})", "{}"), "there is no value in its histogram"},
-      {changed(good, R"({"9": 1, "10": 98})", "[1]"), "there is no histogram"},
-      {changed(good, "\"9\": 1", "\"9\": -1"), "'9' in its histogram"},
-      {changed(good, "\"9\": 1", "\"9\": 1.5"), "'9' in its histogram"},
-      {changed(good, "\"9\": 1", "\"x\": 1"), "'x' in its histogram"},
+      {changed(good, "\"thread\"", "\"threads\""), "no 'thread'"},
+      {changed(good, "\"0\": {", "\"-1\": {"), "'-1' is not a thread number"},
+      {changed(good, R"({"9": 1, "10": 98})", "{}"), "the histogram is empty"},
+      {changed(good, R"({"9": 1, "10": 98})", "[1]"), "no histogram"},
+      {changed(good, "\"9\": 1", "\"9\": -1"), "'9' in the histogram"},
+      {changed(good, "\"9\": 1", "\"9\": 1.5"), "'9' in the histogram"},
+      {changed(good, "\"9\": 1", "\"x\": 1"), "'x' in the histogram"},
       {changed(good, "\"9\": 1", "\"9\": 18446744073709551615"), "more values than any run has"},
       {changed(good, "\"cycles\": 100", "\"cycles\": 98"), "99 values of 98 cycles"},
-      {changed(good, "\"cycles\": 100", "\"cycles\": -100"), "'cycles' is no whole number"},
-      {changed(good, "\"min\": 9", "\"min\": 8"), "the least value is 8"},
-      {changed(good, "\"avg\": 48.91", "\"avg\": \"NaN\""), "'avg' is no number"},
+      {changed(good, "\"cycles\": 100", "\"cycles\": -100"), "'cycles' is not a whole number"},
+      {changed(good, "\"min\": 9", "\"min\": 8"), "minimum 8"},
+      {changed(good, "\"avg\": 48.91", "\"avg\": \"NaN\""), "'avg' is not a number"},
       {changed(good, "\"avg\": 48.91", "\"avg\": -1"),
        "its mean, -1, is not between 0 and its maximum, 3908"},
       {changed(good, "\"avg\": 48.91", "\"avg\": 1e306"), "is not between 0 and its maximum"},
-      {changed(good, "\"9\": 1", "\"9\": 1, \"09\": 1"), "9 is in its histogram twice"},
-      {changed(good, "\"thread\": {", "\"thread\": {\"00\": {}, "), "0 is there twice"},
-      {changed(good, "\"avg\": 48.91", "\"avg\": 1e999"), "no JSON"},
-      {changed(good, "\"max\": 3908", "\"max\": 1e3"), "'max' is no whole number"},
+      {changed(good, "\"9\": 1", "\"9\": 1, \"09\": 1"), "9 occurs twice in the histogram"},
+      {changed(good, "\"thread\": {", "\"thread\": {\"00\": {}, "), "0 occurs twice"},
+      {changed(good, "\"avg\": 48.91", "\"avg\": 1e999"), "not JSON"},
+      {changed(good, "\"max\": 3908", "\"max\": 1e3"), "'max' is not a whole number"},
   };
   for (const auto& [content, expected] : cases)
     EXPECT_THAT(error_of(content, as_json), HasSubstr(expected)) << content.substr(0, 200);
 }
 
-TEST_F(Imports, WhatIsNoFileIsNamed) {
+TEST_F(Imports, MissingFileIsNamed) {
   EXPECT_THROW(foreign::read((folder_ / "none").string(), {}), record::WrongFile);
   EXPECT_THROW(foreign::read(folder_.string(), {}), record::WrongFile);
 }

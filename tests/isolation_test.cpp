@@ -46,7 +46,7 @@ class Tree : public testing::Test {
   fs::path root_;
 };
 
-TEST_F(Tree, OfEitherVersionIsFoundWhereTheControllerIs) {
+TEST_F(Tree, HierarchyOfEitherVersionIsFoundByController) {
   file("unified/cgroup.controllers", "cpuset cpu memory");
   const auto two = mounts("cgroup2 @/unified cgroup2 rw,nosuid 0 0");
   EXPECT_EQ(hierarchy_of("cpuset", two).folder, at("unified"));
@@ -63,7 +63,7 @@ TEST_F(Tree, OfEitherVersionIsFoundWhereTheControllerIs) {
   EXPECT_EQ(hierarchy_of("cpu", both).folder, at("cpu")) << "not that of cpuacct, nor of cpuset";
 }
 
-TEST_F(Tree, ThatIsNotThereOrAPartOfAnotherIsRefused) {
+TEST_F(Tree, MissingOrPartialHierarchyIsRefused) {
   EXPECT_THAT(refused("cpuset", mounts("proc /proc proc rw 0 0")), HasSubstr("controller 'cpuset'"));
   file("unified/cgroup.controllers", "cpuset");
   file("unified/cgroup.type", "domain");
@@ -83,7 +83,7 @@ TEST_F(Tree, TellsWhoWasGivenCpus) {
   EXPECT_THAT(owners_of(hierarchy, {4}), IsEmpty());
 }
 
-TEST(Group, OfAnotherNameIsNeverTouched) {
+TEST(Group, GroupOfAnotherNameIsNeverTouched) {
   EXPECT_TRUE(group_kind.accepts("cpuset/ontime-robot"));
   for (const auto* what :
        {"cpuset/", "cpuset/system.slice", "cpuset/ontime-/..", "cpuset/../ontime-x", "memory/ontime-x",
@@ -93,7 +93,7 @@ TEST(Group, OfAnotherNameIsNeverTouched) {
   EXPECT_FALSE(balance_kind.accepts("ontime-robot"));
 }
 
-TEST(Threads, WhoseCpusAPartitionWouldForgetAreTold) {
+TEST(Threads, ThreadsThatWouldLoseTheirCpusAreReported) {
   const std::vector<int> all = {0, 1, 2, 3}, kept = {2, 3};
   const auto forgotten = [&](const std::vector<int>& cpus, bool remembers, bool of_kernel = false) {
     return would_be_forgotten({7, "x", cpus, of_kernel, false}, all, kept, remembers);

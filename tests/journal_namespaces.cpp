@@ -129,7 +129,7 @@ TEST_F(Namespaces, KilledBetweenNameAndNamespaceNothingStays) {
   EXPECT_FALSE(exists());
 }
 
-TEST_F(Namespaces, NotToBeSeenFromHereIsNotGone) {
+TEST_F(Namespaces, InvisibleNamespaceIsNotGone) {
   Victim victim([](Journal& journal) {
     add_namespace(journal, name);
     return "made";
@@ -139,7 +139,7 @@ TEST_F(Namespaces, NotToBeSeenFromHereIsNotGone) {
     ASSERT_EQ(unshare(CLONE_NEWNS), 0);
     ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
     ASSERT_EQ(mount("none", "/run/netns", "tmpfs", 0, nullptr), 0);
-    EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("not to be seen from here")));
+    EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("not visible")));
     EXPECT_THAT(revert_abandoned(), IsEmpty());
   });
   EXPECT_TRUE(exists());

@@ -168,12 +168,12 @@ TEST_F(Settings, AJournalThatIsFullRefusesAndIsKeptUsable) {
   std::string refused;
   for (int round = 0; round < 20 && refused.empty(); ++round)
     refused = error_of([&] { journal.change(governor, one_, much + std::to_string(round)); });
-  EXPECT_THAT(refused, HasSubstr("without a journal nothing"));
+  EXPECT_THAT(refused, HasSubstr("without a journal"));
   EXPECT_THAT(journal.revert(), IsEmpty());
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
-TEST_F(Settings, OfAKilledProcessArePutBack) {
+TEST_F(Settings, SettingsOfAKilledProcessAreRestored) {
   Victim victim(
       [&](Journal& journal) {
         journal.change(governor, one_, "performance");
@@ -187,7 +187,7 @@ TEST_F(Settings, OfAKilledProcessArePutBack) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
-TEST_F(Settings, ThatCannotBeRestoredAreToldUntilTheyAre) {
+TEST_F(Settings, UnrestorableSettingsAreReportedUntilRestored) {
   write_file(one_, "impossible");
   {
     Journal journal(settings);
@@ -219,7 +219,7 @@ TEST_F(Settings, ChangedByAnotherAreLeft) {
   EXPECT_EQ(read_file(one_), "ondemand");
 }
 
-TEST_F(Settings, OfAnotherNetworkNamespaceAreKept) {
+TEST_F(Settings, SettingsOfAnotherNetworkNamespaceAreKept) {
   const auto change = [&](Journal& journal) {
     journal.change(governor, two_, "made");
     journal.change(qdisc, one_, "fq");
@@ -230,8 +230,7 @@ TEST_F(Settings, OfAnotherNetworkNamespaceAreKept) {
   victim.kill_9();
   in_child([&] {
     if (unshare(CLONE_NEWNET) != 0) GTEST_SKIP() << "no network namespace may be made";
-    EXPECT_THAT(revert_abandoned(settings),
-                ElementsAre(StartsWith("removed"), HasSubstr("not to be seen from here")));
+    EXPECT_THAT(revert_abandoned(settings), ElementsAre(StartsWith("removed"), HasSubstr("not visible")));
     EXPECT_THAT(revert_abandoned(settings), IsEmpty()) << "one is done, the other was told";
     EXPECT_FALSE(fs::exists(two_));
     EXPECT_EQ(read_file(one_), "fq");
@@ -295,17 +294,17 @@ TEST_F(Settings, KeptInUntrustedJournalAreIgnored) {
             "0000000000000001-00000001.kept");
   EXPECT_THAT(kept(settings), SizeIs(1));
   fs::permissions(path, fs::perms::all);
-  EXPECT_THAT(error_of([] { kept(settings); }), HasSubstr("not believed"));
+  EXPECT_THAT(error_of([] { kept(settings); }), HasSubstr("not trusted"));
   Journal journal(settings);
   const auto given_back = journal.revert_kept();
   EXPECT_FALSE(given_back.finished);
-  EXPECT_THAT(given_back.left, ElementsAre(HasSubstr("not believed")));
+  EXPECT_THAT(given_back.left, ElementsAre(HasSubstr("not trusted")));
   EXPECT_EQ(read_file(one_), "powersave");
   EXPECT_THAT(journal.revert(), IsEmpty());
   unplant(path);
 }
 
-TEST_F(Settings, ThatAreGoneRaiseNoError) {
+TEST_F(Settings, GoneSettingsRaiseNoError) {
   Journal journal(settings);
   journal.change(governor, one_, "performance");
   fs::remove(one_);
@@ -313,7 +312,7 @@ TEST_F(Settings, ThatAreGoneRaiseNoError) {
   EXPECT_FALSE(fs::exists(one_));
 }
 
-TEST_F(Settings, WhatARebootTookIsNotUndone) {
+TEST_F(Settings, SettingsLostByARebootAreNotUndone) {
   const auto path = (folder_ / "ontime-journal-test-0123456789abcdef").string();
   fs::create_directory(path);
   plant(text_of_all({"an earlier boot", 7, "ontime"},
@@ -327,7 +326,7 @@ TEST_F(Settings, WhatARebootTookIsNotUndone) {
   EXPECT_FALSE(fs::exists(two_) || fs::exists(path));
 }
 
-TEST_F(Settings, OfABootThatTheKernelDidNotNameAreTakenBack) {
+TEST_F(Settings, SettingsOfAnUnnamedBootAreRestored) {
   plant(text_of_all({"", 7, "ontime"}, {{"governor", "", one_, "performance", "powersave"}}));
   EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr(one_)));
   EXPECT_EQ(read_file(one_), "performance");
@@ -344,7 +343,7 @@ TEST_F(Settings, AreTakenBackFromTheLatestJournalOn) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
-TEST_F(Settings, OfAJournalFoundAtTheFirstChangeAreTakenBackBefore) {
+TEST_F(Settings, AbandonedJournalIsRestoredBeforeTheFirstChange) {
   plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "powersave", "performance"}}));
   write_file(one_, "performance");
   {
@@ -355,7 +354,7 @@ TEST_F(Settings, OfAJournalFoundAtTheFirstChangeAreTakenBackBefore) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
-TEST_F(Settings, ThatNeedRootAreNotForAnotherWhateverItsCapabilities) {
+TEST_F(Settings, RootSettingsNeedRootEvenWithCapabilities) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   in_child([&] {
     fs::permissions(folder_, fs::perms::all);
@@ -374,7 +373,7 @@ TEST_F(Settings, ThatNeedRootAreNotForAnotherWhateverItsCapabilities) {
   });
 }
 
-TEST_F(Settings, OfAKindThatWasNotNamedAreAMistake) {
+TEST_F(Settings, UnknownKindIsALogicError) {
   Journal journal;
   EXPECT_THROW(journal.change(governor, one_, "performance"), std::logic_error);
 }
@@ -434,7 +433,7 @@ class Processes : public Settings {
   }
 };
 
-TEST_F(Processes, OfAnotherPidNamespaceAreAliveAllTheSame) {
+TEST_F(Processes, ProcessesOfAnotherPidNamespaceAreAlive) {
   Journal journal;
   const auto path = make_folder(journal);
   in_pid_namespace([&] {
@@ -446,7 +445,7 @@ TEST_F(Processes, OfAnotherPidNamespaceAreAliveAllTheSame) {
   EXPECT_TRUE(fs::exists(path));
 }
 
-TEST_F(Processes, OfAnotherPidNamespaceAreGoneWhenTheyAre) {
+TEST_F(Processes, EndedProcessesOfAnotherPidNamespaceAreGone) {
   in_pid_namespace([&] {
     Victim victim([](Journal& journal) { return make_folder(journal); });
     EXPECT_THAT(revert_abandoned(), IsEmpty());

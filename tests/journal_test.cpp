@@ -56,13 +56,13 @@ TEST(Format, CutAnywhereItHoldsTheChangesWrittenToTheirEnd) {
   }
 }
 
-TEST(Format, WhatIsKnownLaterIsOfItsEntry) {
+TEST(Format, LaterIdentityBelongsToItsEntry) {
   const auto contents = parse(text_of_all({}, {{"a", "", "x", {}, to_be_made}, {"b", "", "y", {}, "1"}}) +
                               line_of_identity(0, "7:8") + line_of_done(1));
   EXPECT_EQ(contents.entries, (std::vector<Entry>{{"a", "", "x", {}, "7:8"}, {"b", "", "y", {}, "1", true}}));
 }
 
-TEST(Format, NothingOfAFileIsReliedOnThatIsNotUnderstood) {
+TEST(Format, UnknownLineRejectsTheWholeFile) {
   const auto header = line_of(Header{});
   const auto entry = line_of(Entry{"a", "", "x", {}, "1"});
   for (const std::string& text :
@@ -222,14 +222,14 @@ TEST_F(Journals, WithoutAJournalNothingIsChanged) {
     for (const rlim_t bytes : {0, 200}) {  // no journal at all; none but for its first line
       const rlimit limit{bytes, RLIM_INFINITY};
       ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &limit), 0);
-      EXPECT_THAT(error_of([&] { add_directory(journal, "a"); }), HasSubstr("without a journal nothing"));
+      EXPECT_THAT(error_of([&] { add_directory(journal, "a"); }), HasSubstr("without a journal"));
       EXPECT_TRUE(fs::is_empty(folder));
     }
     fs::remove(folder);
   });
 }
 
-TEST_F(Journals, WhatAKilledProcessLeftIsTakenBack) {
+TEST_F(Journals, ChangesOfAKilledProcessAreUndone) {
   Victim victim([](Journal& journal) { return make_folder(journal); });
   ASSERT_TRUE(fs::exists(victim.said()));
   EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it lives";
@@ -317,7 +317,7 @@ TEST_F(Journals, KilledAtAnyInstantNothingStays) {
   fs::remove_all(folder);
 }
 
-TEST_F(Journals, WhatWasMadeButNotYetKnownGoesOnlyIfItIsEmpty) {
+TEST_F(Journals, FolderWithoutIdentityIsRemovedOnlyIfEmpty) {
   const auto path = (fs::temp_directory_path() / "ontime-journal-test-0123456789abcdef").string();
   const auto text = text_of_all({boot_id(), 1, "ontime"},
                                 {{"directory", place(Scope::mount_namespace), path, {}, to_be_made}});
@@ -374,7 +374,7 @@ TEST_F(Journals, TwoThatRevertAtOnceDoItOnce) {
   }
 }
 
-TEST_F(Journals, WhatIsNotUnderstoodIsToldOnceAndKept) {
+TEST_F(Journals, UnknownJournalIsReportedOnceAndKept) {
   for (const auto& text :
        {std::string("directory /home\n"), line_of(Header{boot_id(), 7, "ontime tune"}) + "what next\n",
         text_of_all({boot_id(), 7, "ontime tune"}, {{"governor", "", "cpu0", "powersave", "performance"}}),

@@ -82,10 +82,10 @@ TEST_F(Planted, LinksAreNotBelieved) {
     fs::rename(path, aside(path));
     fs::create_symlink(aside(path), path);
   }
-  expect_all_refused("it is no file");
+  expect_all_refused("not a file");
 }
 
-TEST_F(Planted, NothingElseIsOpened) {
+TEST_F(Planted, OtherFilesAreNotOpened) {
   for (const auto& path : journals()) fs::remove(path);
   const fs::path folder = folder_path();
   ASSERT_EQ(mkfifo((folder / "0.journal").c_str(), 0600), 0);  // a reader waits for a writer
@@ -96,25 +96,25 @@ TEST_F(Planted, NothingElseIsOpened) {
   address.sun_family = AF_UNIX;
   (folder / "2.journal").string().copy(address.sun_path, sizeof address.sun_path - 1);
   ASSERT_EQ(bind(fd, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
-  expect_all_refused("it is no file");
+  expect_all_refused("not a file");
   close(fd);
 }
 
-TEST_F(Planted, NothingEndlessIsRead) {
+TEST_F(Planted, EndlessJournalIsNotRead) {
   for (const auto& path : journals()) fs::resize_file(path, std::uintmax_t{1} << 40);
   expect_all_refused("larger than any journal");
 }
 
-TEST_F(Planted, NothingOfAFolderThatOthersMayWriteToIsBelieved) {
+TEST_F(Planted, FolderWritableByOthersIsNotTrusted) {
   fs::permissions(folder_path(), fs::perms::others_write, fs::perm_options::add);
   EXPECT_THAT(revert_abandoned(),
               ElementsAre(AllOf(HasSubstr(folder_path()), HasSubstr("others may write"))));
   EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it was told";
   Journal journal;
-  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("nothing is changed"));
+  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("changes nothing"));
 }
 
-TEST_F(Planted, NothingOfAFolderOfAnotherUserIsBelieved) {
+TEST_F(Planted, FolderOfAnotherUserIsNotTrusted) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   ASSERT_EQ(chown(folder_path().c_str(), planter, planter), 0);
   EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("belongs to user 1234")));
@@ -125,9 +125,9 @@ TEST_F(Planted, NothingOfAFolderOfAnotherUserIsBelieved) {
 TEST_F(Planted, AFolderIsNotLookedForBehindALink) {
   fs::rename(folder_path(), aside("folder"));
   fs::create_symlink(aside("folder"), folder_path());
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("it is no folder")));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("not a folder")));
   Journal journal;
-  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("it is no folder"));
+  EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("not a folder"));
 }
 
 // As it was shown: without root the folder may be one under /tmp, where any user can be first.

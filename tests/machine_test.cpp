@@ -37,7 +37,7 @@ using ::testing::StartsWith;
 // --- what /proc says
 
 // As of a process that ends while its file is read.
-TEST(Proc, WhatOpensAndCannotBeReadIsNothing) { EXPECT_EQ(text_of("/proc"), std::nullopt); }
+TEST(Proc, UnreadableFileGivesNoValue) { EXPECT_EQ(text_of("/proc"), std::nullopt); }
 
 TEST(Proc, FieldsAreFoundByTheirWholeName) {
   const std::string text =
@@ -218,7 +218,7 @@ TEST(Clock, IsAsDescribed) {
   EXPECT_NEAR(static_cast<double>(offset_s), static_cast<double>(realtime.tv_sec - monotonic.tv_sec), 2);
 }
 
-TEST(Clock, OfChrony) {
+TEST(Clock, ChronyReportsSourceAndError) {
   const std::string good =
       "C0A80001,server.lan,3,1700000000.123456789,-0.000012000,0.000001,0.00002,-12.3,0.001,0.02,0.000400000,"
       "0.000100000,64.2,Normal\n";
@@ -242,7 +242,7 @@ TEST(Clock, OfChrony) {
   EXPECT_FALSE(parse_chrony(with("0.000400000", "1e300"))->error_ns);
 }
 
-TEST(Clock, OfPtp) {
+TEST(Clock, PtpReportsGrandmasterAndError) {
   const std::string good =
       "sending: GET CURRENT_DATA_SET\n"
       "sending: GET PARENT_DATA_SET\n"
@@ -322,7 +322,7 @@ TEST(DropsOf, EachPlaceAreRead) {
   EXPECT_EQ(parse_backlog_drops(""), std::nullopt);
 }
 
-TEST(DropsOf, WhatCannotBeToldAreNotNone) {
+TEST(DropsOf, UnknownCountsAreNullNotZero) {
   Drops before, now;
   before.udp_receive = before.udp_send = before.backlog = 7;
   now.udp_receive = 9;
@@ -408,7 +408,7 @@ TEST(TrafficOf, LoopbackCountsWhatIsSent) {
   close(other);
 }
 
-TEST(SharedMemory, OfADdsIsNamedOnce) {
+TEST(SharedMemory, SegmentsOfADdsAreNamedOnce) {
   const std::string text =
       "7f00-7f01 rw-s 00000000 00:1a 5   /dev/shm/fastrtps_0a1b2c\n"
       "7f02-7f03 r--s 00000000 00:1a 5   /dev/shm/fastrtps_0a1b2c\n"

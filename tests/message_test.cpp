@@ -31,7 +31,7 @@ TEST(Cdr, IsReadInEitherByteOrderAndWithPaddingBehind) {
   EXPECT_THAT(view->payload, testing::ElementsAre(std::byte{0xaa}));
 }
 
-TEST(Cdr, WhatIsEncodedIsDecoded) {
+TEST(Cdr, EncodedMessageIsDecoded) {
   std::mt19937_64 random(1);
   for (int round = 0; round < 500; ++round) {
     std::vector<std::byte> payload(random() % 2000);

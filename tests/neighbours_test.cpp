@@ -164,7 +164,7 @@ TEST(Neighbours, OfATransportThatHasNoneAreRefusedByName) {
                                   duration);
       require(false, "it is refused");
     } catch (const transport::WrongInput& wrong) {
-      require(std::string(wrong.what()).find("transport udp has no neighbours") == 0, wrong.what());
+      require(std::string(wrong.what()).find("transport udp has no background topics") == 0, wrong.what());
     }
   });
   EXPECT_EQ(serving.finish(), "");

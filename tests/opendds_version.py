@@ -37,10 +37,10 @@ class OpenDdsVersion(unittest.TestCase):
             return answer.stdout.replace(name, "FOLDER")
 
     def test_another_is_told_and_left_out(self):
-        self.assertIn("opendds is left out: it needs OpenDDS 3.13, and FOLDER has 3.14.1\n", self.configured_with("3.14.1"))
+        self.assertIn("opendds is not built: it needs OpenDDS 3.13, but FOLDER has 3.14.1\n", self.configured_with("3.14.1"))
 
     def test_what_it_is_for_is_taken(self):
-        self.assertNotIn("opendds is left out", self.configured_with("3.13.9"))
+        self.assertNotIn("opendds is not built", self.configured_with("3.13.9"))
 
 
 if __name__ == "__main__":

@@ -146,7 +146,7 @@ TEST(Words, ListsAreWrittenAsTheKernelDoes) {
   EXPECT_THAT(cpus_of("1023").value(), ElementsAre(1023));
 }
 
-TEST(Words, WhatIsNoListIsNone) {
+TEST(Words, InvalidListGivesNoCpus) {
   for (const auto* list : {"",
                            " ",
                            ",",
@@ -265,7 +265,7 @@ TEST(Read, CountsFaults) {
   EXPECT_EQ(fresh[bytes / 2], 1);
 }
 
-TEST(Read, NothingOfThreadsThatAreGoneOrNotOurs) {
+TEST(Read, EndedAndForeignThreadsGiveNoState) {
   Sleeper sleeper;
   const pid_t tid = sleeper.tid();
   EXPECT_TRUE(read(tid));
@@ -277,7 +277,7 @@ TEST(Read, NothingOfThreadsThatAreGoneOrNotOurs) {
   EXPECT_FALSE(read(-1));
 }
 
-TEST(Apply, WhatIsAppliedIsReadBack) {
+TEST(Apply, AppliedSettingsAreReadBack) {
   if (!may_use_fifo(99)) GTEST_SKIP() << "may not use SCHED_FIFO";
   const Sleeper sleeper;
   const auto cpus = allowed_cpus();
@@ -497,7 +497,7 @@ TEST(Instructions, AreCountedWhereTheCpuCan) {
   EXPECT_GT(counter.value().value(), *before + 1000);
 }
 
-TEST(CpuTime, OfAThreadGrowsAsItWorks) {
+TEST(CpuTime, ThreadTimeGrowsAsItWorks) {
   const auto before = read(gettid()).value().cpu_time;
   std::chrono::nanoseconds now = before;
   for (std::uint64_t work = 0; now == before && work < 1'000'000; ++work)

@@ -143,10 +143,9 @@ TEST_F(Traced, ACulpritStandsOutOfWhatIsDrawn) {
       bars_of(drawing, "thread"),
       Contains(testing::ResultOf(
           [](const json& bar) { return bar.at(3) == "ready, waits for a CPU" && bar.at(4) == 1; }, true)));
-  EXPECT_THAT(
-      drawing.at("stages"),
-      Contains(testing::ResultOf(
-          [](const json& stage) { return stage.at(0) == "on its way there" && stage.at(3) == 1; }, true)));
+  EXPECT_THAT(drawing.at("stages"),
+              Contains(testing::ResultOf(
+                  [](const json& stage) { return stage.at(0) == "request leg" && stage.at(3) == 1; }, true)));
   for (const auto& mark : drawing.at("marks")) EXPECT_LE(mark.at(1), drawing.at("span_ns"));
 }
 
@@ -325,8 +324,8 @@ TEST_F(Perfetto, HasWhatIsInTheWindow) {
   EXPECT_DOUBLE_EQ(named(file, "message 40", "b")[0].at("ts"), due_us);
   EXPECT_DOUBLE_EQ(named(file, "message 40", "e")[0].at("ts").get<double>() - due_us, 20'105);
   EXPECT_DOUBLE_EQ(named(file, "message 40 late", "i").at(0).at("ts").get<double>() - due_us, 10'012);
-  EXPECT_DOUBLE_EQ(named(file, "on its way there", "b").at(0).at("ts").get<double>() - due_us, 12);
-  EXPECT_DOUBLE_EQ(named(file, "on its way there", "e").at(0).at("ts").get<double>() - due_us, 20'062);
+  EXPECT_DOUBLE_EQ(named(file, "request leg", "b").at(0).at("ts").get<double>() - due_us, 12);
+  EXPECT_DOUBLE_EQ(named(file, "request leg", "e").at(0).at("ts").get<double>() - due_us, 20'062);
   EXPECT_EQ(file.at("otherData").at("clock_uncertainty_ns"), 0);
   EXPECT_THAT(file.at("otherData").at("machines").get<std::string>(), HasSubstr("both ends are on one"));
 }

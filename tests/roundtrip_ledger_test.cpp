@@ -396,7 +396,7 @@ TEST(Ledger, NeverHasMoreFatesThanMessagesWhenAnyThreadStalls) {
 }
 
 // As the sending thread of back-to-back is woken where there is no room for a message.
-TEST(Alarm, ThatWasResetCanBeSleptOnAgain) {
+TEST(Alarm, SleepsAgainAfterReset) {
   constexpr auto never_ns = std::numeric_limits<std::int64_t>::max();
   Alarm alarm;
   alarm.ring();

@@ -190,7 +190,7 @@ TEST_F(NeighboursInside, IgnoreForeignSenderThatCameFirst) {
   EXPECT_EQ(client->counters().strays, 2U);
 }
 
-TEST_F(NeighboursInside, WhoseCallbacksTakeLongerThanTheirTurnTellSo) {
+TEST_F(NeighboursInside, OverlongCallbacksAreReported) {
   options_.callback = 2 * options_.period;
   const auto client = open(Role::client), server = open(Role::server);
   go(*client, *server);

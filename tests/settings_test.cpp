@@ -49,7 +49,7 @@ std::string text_of(const std::string& path) {
 
 // --- words
 
-TEST(Words, ThatAreNoValueAreRefused) {
+TEST(Words, InvalidValuesAreRefused) {
   for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
            {"ksoftirqd", {"1", "99", "other", "0=60", "0=60,1=other"}},
            {"irq-threads", {"90", "other"}},
@@ -155,12 +155,12 @@ TEST(Threads, AreNotGoneWhereTheyAreNotSeen) {
     ASSERT_EQ(unshare(CLONE_NEWPID | CLONE_NEWNS), 0);
     in_child([&] {
       ASSERT_EQ(mount("proc", "/proc", "proc", 0, nullptr), 0);
-      EXPECT_THAT(error_of([&] { thread.read(what); }), HasSubstr("not to be seen"));
+      EXPECT_THAT(error_of([&] { thread.read(what); }), HasSubstr("container"));
     });
   });
 }
 
-TEST(Cpus, ThatAreOfflineAreLeftOut) {
+TEST(Cpus, OfflineCpusAreLeftOut) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   in_child([] {
     const std::string cpus = "/sys/devices/system/cpu";
@@ -273,7 +273,7 @@ TEST_F(OnVeth, ThreadsOfItsNamesakeInAnotherNamespaceAreNotItsOwn) {
   });
 }
 
-TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
+TEST_F(OnVeth, NamesAMissingSettingBeforeAnyChange) {
   inside([] {
     journal::Journal journal(kinds());
     const auto steering_before = steering.read(interface_here("left") + "/rx-0");
@@ -411,7 +411,7 @@ class InterruptThread : public testing::Test {
   std::string state_;
 };
 
-TEST_F(InterruptThread, ThatTheKernelMovedIsRestored) {
+TEST_F(InterruptThread, ThreadMovedByTheKernelIsRestored) {
   journal::Journal journal(kinds());
   move_to(1);
   const auto before = *thing_.kind->read(thing_.what);
@@ -423,7 +423,7 @@ TEST_F(InterruptThread, ThatTheKernelMovedIsRestored) {
   EXPECT_EQ(thread.read(thing_.what), before + ":0") << "its CPUs stay the kernel's";
 }
 
-TEST_F(InterruptThread, OfAnEarlierVersionsJournalIsRestored) {
+TEST_F(InterruptThread, EarlierVersionsJournalIsRestored) {
   journal::Journal journal(kinds());
   journal.change(thread, thing_.what, with_priority(state_, "90"));
   EXPECT_THAT(*thing_.kind->read(thing_.what), "fifo:90");
@@ -457,7 +457,7 @@ TEST_F(OnVeth, InterruptsThatCannotBeFoundAreRefusedWhereThereAreSome) {
   });
 }
 
-TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
+TEST_F(OnVeth, AKilledProcessesChangesAreRestored) {
   inside([] {
     test::Victim victim(
         [](journal::Journal& journal) {
@@ -475,7 +475,7 @@ TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
   });
 }
 
-TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
+TEST_F(OnVeth, AppliedSettingsStayUntilTheRevert) {
   inside([] {
     {
       journal::Journal journal(kinds());
@@ -549,7 +549,7 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
 }
 
 // Any user has a network namespace with interfaces, and so threads, of any name.
-TEST(Boot, NoWordOfAStrangerIsInTheScript) {
+TEST(Boot, NamesWithSpecialCharactersAreRefusedOrEscaped) {
   const auto script_for = [](const std::string& name) {
     return at_every_boot(Form::shell, {},
                          {{&setting("napi-threads"), {&thread, "90:25:" + name}, "other:0:0", "fifo:60:0"}},
@@ -560,10 +560,7 @@ TEST(Boot, NoWordOfAStrangerIsInTheScript) {
                 HasSubstr("$(threads 'napi/eth0.-[0-9]*');"));
   EXPECT_THAT(script_for("napi/eth0.5-12"), HasSubstr("$(threads 'napi/eth0[.]5-[0-9]*');"));
   EXPECT_THAT(script_for("irq/41-ahci[0000"), HasSubstr("$(threads 'irq/[0-9]+-ahci.0000');"));
-  EXPECT_THAT(error_of([] {
-                plan({{"rps", "0"}}, {"e';reboot;'", ""});
-              }),
-              HasSubstr("no name of an interface"));
+  EXPECT_THAT(error_of([] { plan({{"rps", "0"}}, {"e';reboot;'", ""}); }), HasSubstr("interface name"));
 }
 
 TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {

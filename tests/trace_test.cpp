@@ -50,7 +50,7 @@ Window some_window() {
             .bytes = 542}}};
 }
 
-TEST(Words, OfAWindowAreReadBack) {
+TEST(Words, WindowIsReadBack) {
   const auto window = some_window();
   const auto again = window_of(json::parse(to_json(window).dump()));
   EXPECT_EQ(again.span.message, 7u);
@@ -61,7 +61,7 @@ TEST(Words, OfAWindowAreReadBack) {
   EXPECT_EQ(to_json(window).at("events").at(0).at("at"), -100);
 }
 
-TEST(Words, OfEachKindAreReadBack) {
+TEST(Words, EachKindIsReadBack) {
   for (int i = 0; i <= static_cast<int>(Kind::no_neighbour); ++i) {
     const auto kind = static_cast<Kind>(i);
     EXPECT_EQ(kind_of(word_of(kind)), kind);
@@ -69,7 +69,7 @@ TEST(Words, OfEachKindAreReadBack) {
   EXPECT_FALSE(kind_of("nothing"));
 }
 
-TEST(Words, ThatCannotBeAreRefused) {
+TEST(Words, ImpossibleValuesAreRefused) {
   const auto refused = [](const char* where, const json& value) {
     auto window = to_json(some_window());
     window[json::json_pointer(where)] = value;
@@ -244,7 +244,7 @@ TEST_F(Traced, SaysInWhichFunctionsOfTheKernelAThreadWaits) {
   EXPECT_THAT(waits->what, testing::Not(HasSubstr("__schedule")));
 }
 
-TEST_F(Traced, OfATimeBeforeItBeganNothingIsWhole) {
+TEST_F(Traced, WindowBeforeTheStartIsIncomplete) {
   const auto from_ns = now_ns() - 1'000'000'000;
   journal::Journal journal(kinds());
   Recorder recorder(journal);

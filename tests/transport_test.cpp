@@ -93,7 +93,7 @@ void expect_no_environment() {
     load("udp");
     FAIL();
   } catch (const Error& error) {
-    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("It does not follow ONTIME_TRANSPORT_PATH"),
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("ONTIME_TRANSPORT_PATH ignored"),
                                              HasSubstr("file capabilities"), HasSubstr("rtprio")));
   }
   const auto variable = dds::users_variable("ONTIME_TRANSPORT_PATH");
@@ -135,9 +135,9 @@ TEST(Dds, NamesReasonsForUnseenPeer) {
               testing::AllOf(testing::HasSubstr("firewall"), testing::Not(testing::HasSubstr("--peer"))));
   config.security.emplace();
   EXPECT_THAT(dds::others_without_our_topics(config, 0, {}),
-              testing::ContainsRegex("firewall.*; or: DDS Security lets in only"));
+              testing::ContainsRegex("firewall.*; or: DDS Security admits only"));
   EXPECT_THAT(dds::others_without_our_topics(config, 1, {}),
-              testing::ContainsRegex("1 other DDS participant.*; DDS Security lets in only"));
+              testing::ContainsRegex("1 other DDS participant.*; DDS Security admits only"));
 }
 
 // And looks at the moment: that of the datagram which this thread was handed, and not an earlier one.

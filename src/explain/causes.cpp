@@ -14,12 +14,12 @@ namespace {
 
 using roundtrip::Where;
 
-// In texts {0} is whose thread ("pong's receive thread"), {1} the culprit, {2} the thread's role.
+// In texts {0} is the delayed thread ("pong's receive thread"), {1} the culprit, {2} the thread's role.
 constexpr const char* none = "";
 struct Row {
   Cause cause;
   const char *word, *without_culprit, *sentence = none, *advice = none;
-  std::vector<Setting> settings{};  // each by itself
+  std::vector<Setting> settings{};  // alternatives: each one helps
 };
 const Row rows[] = {
     {Cause::cpu,
@@ -31,10 +31,10 @@ const Row rows[] = {
       {"realtime.{2}.priority", "above the priority of {1}"},
       {"realtime.{2}.cpus", "other CPUs than those of {1}"}}},
     {Cause::not_preempted, "not-preempted",
-     "{0} waited for a CPU that a thread of lower priority had: the kernel did not preempt it, or a "
-     "hypervisor paused the CPU",
-     "{0} waited for a CPU while {1} ran, whose priority is lower: the kernel did not preempt it",
-     "no setting of ontime helps: a PREEMPT_RT kernel preempts sooner; pin a virtual CPU at its host"},
+     "{0} waited for a CPU while a thread of lower priority had it: no preemption, or a hypervisor paused "
+     "the CPU",
+     "{0} waited for a CPU while {1} ran at lower priority: the kernel did not preempt it",
+     "no setting of ontime helps; use a PREEMPT_RT kernel; in a virtual machine pin its CPUs at the host"},
     {Cause::interrupts,
      "interrupts",
      "interrupts took the CPU of {0}",
@@ -43,56 +43,57 @@ const Row rows[] = {
      {{"kernel.irq-cpus", "other CPUs than that of {0}"}}},
     {Cause::throttled,
      "throttled",
-     "{0} was ready, and the scheduler did not let it run: the quota of its cgroup, or real-time throttling",
+     "{0} was ready but throttled: by the CPU quota of its cgroup, or by real-time throttling",
      none,
-     "a larger quota for its cgroup (cpu.max, cpu.cfs_quota_us)",
+     "raise the quota of its cgroup (cpu.max, cpu.cfs_quota_us)",
      {{"kernel.rt-throttling", "off"}}},
     {Cause::idle_cpu,
      "idle-cpu",
-     "{0} was ready, but no event shows that its CPU ran: it woke slowly, or a hypervisor paused it",
+     "{0} was ready, but its CPU did not run: it left an idle state slowly, or a hypervisor paused it",
      none,
-     "pin a virtual CPU at its host: no setting in the guest helps",
+     "in a virtual machine pin its CPUs at the host",
      {{"realtime.cpu-latency", "0 us"}}},
     {Cause::stopped, "stopped", "{0} was stopped by a signal", "{0} was stopped by a signal from {1}",
      "find what sends SIGSTOP or SIGTSTP"},
-    {Cause::traced, "traced", "{0} was stopped for a tracer (ptrace)",
-     "{0} was stopped for its tracer {1} (ptrace)", "measure without a debugger, strace or another tracer"},
+    {Cause::traced, "traced", "{0} was stopped by a tracer (ptrace)",
+     "{0} was stopped by its tracer {1} (ptrace)", "measure without a debugger, strace or another tracer"},
     {Cause::frozen, "frozen", "{0} was frozen", "{0} was frozen, and {1} thawed it",
-     "find what freezes its cgroup (docker pause, cgroup.freeze), or suspends the machine"},
+     "find what freezes its cgroup (docker pause, cgroup.freeze) or suspends the machine"},
     {Cause::page_fault,
      "page-fault",
-     "{0} waited for pages of its memory: they were read from a disk, or memory had to be freed",
+     "{0} waited for memory: pages were read from disk, or memory had to be freed",
      none,
      none,
      {{"realtime.lock-memory", "on"}}},
     {Cause::lock,
      "lock",
-     "{0} waited for a lock of the kernel's",
-     "{0} waited for a lock of the kernel's, which {1} had",
-     "map no memory and start no threads while messages go",
+     "{0} waited for a kernel lock",
+     "{0} waited for a kernel lock held by {1}",
+     "map no memory and start no threads while messages are sent",
      {{"realtime.lock-memory", "on"}}},
-    {Cause::disk, "disk", "{0} waited for a disk", none, "neither read nor write files on a message's way"},
-    {Cause::blocked, "blocked", "{0} waited in the kernel (state D), no event shows for what"},
-    {Cause::waited, "waited", "{0} slept on its way, of its own accord",
-     "{0} slept until {1} woke it: that thread had a lock, or work to do first, or thawed it"},
-    {Cause::busy, "busy", "{0} had its CPU, and took so long (or a hypervisor paused the CPU)"},
+    {Cause::disk, "disk", "{0} waited for a disk", none,
+     "read and write no files in the threads that handle messages"},
+    {Cause::blocked, "blocked", "{0} was blocked in the kernel (state D); the trace does not show by what"},
+    {Cause::waited, "waited", "{0} slept while it had the message to handle",
+     "{0} slept until {1} woke it, which held a lock, worked first, or thawed it"},
+    {Cause::busy, "busy", "{0} had its CPU and ran this long (or a hypervisor paused the CPU)"},
     {Cause::timer, "timer",
      "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor paused it", none,
-     "pin a virtual CPU at its host: no setting in the guest helps"},
-    {Cause::queue, "queue", "the packet was held at {0}, by a queue",
-     "the packet was held at {0}, by the queue of {1}",
-     "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
-    {Cause::dropped, "dropped", "the packet was dropped at {0}, the kernel does not say why",
+     "in a virtual machine pin its CPUs at the host"},
+    {Cause::queue, "queue", "the packet waited in a queue at {0}",
+     "the packet waited at {0} in the queue of {1}",
+     "tc -s qdisc show dev {1}: look for a rate, a delay, or other traffic ahead of it"},
+    {Cause::dropped, "dropped", "the packet was dropped at {0}; the kernel gives no reason",
      "the packet was dropped at {0} ({1})"},
     {Cause::unreachable, "unreachable", none, "the packet could not be sent at {0}: {1}",
-     "ip route get ADDRESS, ip neigh: the interface, or the other end's, was down or lost its address"},
+     "an interface was down or lost its address, here or at the other end: ip route get ADDRESS, ip neigh"},
     {Cause::link_down, "link-down", none, "the link was down at {0}: {1}",
-     "find what takes the interface down, its cable, its driver: ip monitor link, journalctl -k"},
-    {Cause::unknown, "unknown", "unknown: no event of the kernel shows why"}};
+     "check the cable and the driver, and what takes the interface down: ip monitor link, journalctl -k"},
+    {Cause::unknown, "unknown", "unknown: no kernel event shows the cause"}};
 
 const Row& row_of(Cause cause) { return *std::ranges::find(rows, cause, &Row::cause); }
 
-// By a function of the kernel that a thread is in: the first that fits.
+// The cause by the kernel function that a thread waits in: the first match counts.
 constexpr std::pair<std::string_view, Cause> waits[] = {{"__refrigerator", Cause::frozen},
                                                         {"rtlock_slowlock", Cause::lock},
                                                         {"rt_mutex_", Cause::lock},
@@ -103,26 +104,27 @@ constexpr std::pair<std::string_view, Cause> waits[] = {{"__refrigerator", Cause
                                                         {"page_fault", Cause::page_fault},
                                                         {"io_schedule", Cause::disk}};
 
-// By how the kernel's word for a reason begins.
+// By the prefix of the kernel's drop reason.
 struct Drop {
   std::string_view reason;
   const char* advice;
   std::vector<Setting> settings{};
 };
 const Drop drops[] = {
-    {"NETFILTER", "a rule of a packet filter dropped it: nft list ruleset"},
+    {"NETFILTER", "a packet filter rule dropped it: nft list ruleset"},
     {"SOCKET_RCVBUFF",
-     "a larger receive buffer (the transport's option), and a reader that is not kept from its CPU",
+     "a larger receive buffer (option of the transport); a reader that gets its CPU sooner",
      {{"kernel.rmem-max", "more bytes"}}},
-    {"PROTO_MEM", "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
-    {"QDISC", "tc -s qdisc: the interface's queue was full, or its rate was reached"},
-    {"TC_", "tc filter show: a filter dropped it"},
-    {"NO_SOCKET", "no socket listened there: was the other end gone?"},
+    {"PROTO_MEM", "raise net.ipv4.udp_mem: all sockets of the machine together are out of memory"},
+    {"QDISC", "the interface's queue was full, or its rate limit was reached: tc -s qdisc"},
+    {"TC_", "a filter dropped it: tc filter show"},
+    {"NO_SOCKET", "no socket was open there: check that the program at the other end runs"},
     {"CPU_BACKLOG",
-     "a larger net.core.netdev_max_backlog",
-     {{"kernel.ksoftirqd", "a priority above what keeps it from its CPU"}}},
-    {"DEV_READY", "the interface at the other side was down"},
-    {"__dev_forward_skb", "the interface at the other side was down, or its MTU is smaller than the packet"}};
+     "raise net.core.netdev_max_backlog",
+     {{"kernel.ksoftirqd", "above the priority of the threads that keep it from its CPU"}}},
+    {"DEV_READY", "the interface at the other end was down: ip link"},
+    {"__dev_forward_skb",
+     "the interface at the other end was down, or its MTU is smaller than the packet: ip link"}};
 
 constexpr std::string_view softirqs_of_network[] = {"NET_RX", "NET_TX"},
                            softirqs_of_others[] = {"HI",      "TIMER", "BLOCK",   "IRQ_POLL",
@@ -139,9 +141,9 @@ std::string possessive(const std::string& end) { return end == "component" ? "po
 std::string whose(const Part& part) {
   if (part.thread.empty()) return possessive(part.end) + " side";
   if (part.stage == Stage::travelled)
-    return fmt::format("{}, by which packets come to {} end,", part.thread, possessive(part.end));
+    return fmt::format("{} (receives packets for {} side)", part.thread, possessive(part.end));
   const auto own = fmt::format("{} {} thread", possessive(part.end), part.thread);
-  return part.via.empty() ? own : fmt::format("{}, for which {} waited,", part.via, own);
+  return part.via.empty() ? own : fmt::format("{} ({} waited for it)", part.via, own);
 }
 
 std::string filled(const std::string& text, const Part& part, const std::string& whose) {
@@ -151,9 +153,9 @@ std::string filled(const std::string& text, const Part& part) { return filled(te
 
 bool is_real_time(const Part& part) { return part.priority < trace::least_ordinary; }
 
-// Whether a setting of a row changes anything for this thread.
+// Whether this setting changes anything for this thread.
 bool can_help(const std::string& key, const Part& part) {
-  if (!part.via.empty()) return false;  // its thread is not one that a scenario sets
+  if (!part.via.empty()) return false;  // no scenario setting applies to a thread of another process
   if (key == "realtime") return !is_real_time(part);
   if (key == "realtime.{2}.priority" || key == "realtime.{2}.cpus" || key == "kernel.rt-throttling")
     return is_real_time(part);
@@ -173,7 +175,7 @@ bool has_already(const record::Run& run, const Setting& setting) {
   return asked != run.asked.kernel.end() && asked->second == setting.value;
 }
 
-// The kernel's threads have keys of their own.
+// Kernel threads have their own keys.
 Remedy of_kernel_thread(const Part& part) {
   const auto above = filled("above the priority of {1}", part);
   if (part.thread.starts_with("napi/"))
@@ -209,25 +211,24 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
   }
 }
 
-// What helps where callbacks of the background topics keep that thread busy; nullopt: they do not.
+// The remedy where callbacks of the background topics keep the thread busy; nullopt: they do not.
 std::optional<Remedy> remedy_of_callbacks(const Part& part, const record::Run& run) {
   const auto callback = run.asked.task.neighbours.callback;
   if (part.cause != Cause::busy || part.thread != "receive" || callback.count() <= 0 ||
       !shares_callbacks(run, part.end))
     return {};
-  return Remedy{{{"neighbours.where", "a place with a thread of its own"}},
-                fmt::format("callbacks of the background topics, {:g} ms each, run on this thread too",
+  return Remedy{{{"neighbours.where", "a value that gives them their own thread"}},
+                fmt::format("callbacks of the background topics, {:g} ms each, run on this thread",
                             static_cast<double>(callback.count()) / 1e6)};
 }
 
-// Of a message that was lost without a reason: how far it is known to have come.
+// For a lost message without a known cause: how far its packet came.
 std::string sentence_of_lost(const Part& part) {
   const auto* const sender = part.end == "component" ? "ping's" : "pong's";
   if (part.stage == Stage::travelled)
-    return fmt::format("unknown: its packet left {} side, and no event shows what became of it", sender);
+    return fmt::format("unknown: its packet left {} side; no later event shows it", sender);
   if (part.stage == Stage::delivered)
-    return fmt::format("unknown: its packet came to {} side, and no event shows what became of it",
-                       possessive(part.end));
+    return fmt::format("unknown: its packet came to {} side; no later event shows it", possessive(part.end));
   return fmt::format("unknown: no event shows that its packet left {} side", possessive(part.end));
 }
 
@@ -235,12 +236,11 @@ std::string advice_for(const Part& part) {
   if (!part.via.empty() && part.cause == Cause::cpu)
     return "a mutex with priority inheritance (PTHREAD_PRIO_INHERIT), or a higher priority for " + part.via;
   if (part.cause == Cause::interrupts && part.culprit == timer_interrupt)
-    return "no setting moves a CPU's own timer interrupt; where it takes milliseconds, a hypervisor paused "
-           "the CPU";
+    return "no setting moves a CPU's timer interrupt; if it takes milliseconds, a hypervisor paused the CPU";
   if (part.cause == Cause::interrupts && is_of(softirqs_of_network, part.culprit))
-    return "rules of a packet filter cost time as well: nft list ruleset";
+    return "use fewer packet filter rules: nft list ruleset";
   if (part.cause == Cause::busy && (part.stage == Stage::left || part.stage == Stage::travelled))
-    return "nft list ruleset: rules that each packet passes";
+    return "use fewer packet filter rules: nft list ruleset";
   return filled(row_of(part.cause).advice, part);
 }
 
@@ -287,7 +287,8 @@ Remedy remedy_for(const Part& part, const record::Run& run) {
       remedy.settings.push_back({filled(setting.key, part), filled(setting.value, part)});
     else if (setting.key == "realtime")
       remedy.advice = filled(
-          "realtime is on, but not for this thread: see what was denied, or set realtime.{2}.priority", part);
+          "realtime is on, but not for this thread: check what was denied, or set realtime.{2}.priority",
+          part);
   }
   return remedy;
 }

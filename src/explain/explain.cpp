@@ -20,7 +20,7 @@ using roundtrip::Fate;
 using roundtrip::Sample;
 using trace::Kind;
 
-// Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
+// The longest stage of a message that is accepted from a file; a longer one is not evaluated.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
 constexpr std::size_t most_threads = 1000;  // of a process that measures
 constexpr std::size_t most_downs = 100;     // of a link
@@ -40,25 +40,25 @@ End end_of(const record::Run& run, const char* host) {
   }
   if (threads.size() > most_threads)
     throw record::WrongFile(
-        fmt::format("run {} has {} threads at its {}, where there are at most {}: the file is "
-                    "damaged, or was made to mislead",
+        fmt::format("run {} has {} threads at its {}, more than the possible {}: the file is damaged or "
+                    "forged",
                     run.number, threads.size(), host, most_threads));
   for (const auto& thread : threads) {
-    if (thread.is_of_background_topics()) continue;  // what they send is none of ours
+    if (thread.is_of_background_topics()) continue;  // their packets carry no measured messages
     end.threads.push_back({static_cast<std::int32_t>(thread.tid.value_or(0)), thread.role});
   }
   return end;
 }
 
-// 0: nothing was asked for, or nothing that can be.
+// 0: not set, or not possible.
 std::int64_t possible(std::chrono::nanoseconds time) {
   constexpr std::int64_t too_long_ns = 1'000'000'000'000'000;
   return time.count() > 0 && time.count() < too_long_ns ? time.count() : 0;
 }
 
-// Of a run by hand of which both ends are on one machine, though only ping says what it knows: the server's
-// end, by what the kernel did. The client's packets went over the loopback, and other threads sent packets of
-// that size when they were answered. nullopt: it shows no such thing.
+// The server's end in a run by hand on one machine, where only ping's results are known: found in the trace.
+// The client's packets went over the loopback, and another thread sent packets of that size when the answers
+// were sent. nullopt: the trace shows no such thread.
 std::optional<End> end_over_loopback(const record::Reader& reader, const record::Run& run, const End& client,
                                      std::int64_t packet_bytes) {
   std::map<std::uint64_t, Sample> answered;
@@ -83,7 +83,7 @@ std::optional<End> end_over_loopback(const record::Reader& reader, const record:
   return End{.name = "component", .threads = {{most->first, "receive"}}, .interface = "lo"};
 }
 
-// Why a run's messages were late or lost, of threads that it knows.
+// Why messages of one run were late or lost.
 class Explainer {
  public:
   Explainer(const record::Reader& reader, const record::Run& run, const Pong* pong)
@@ -105,10 +105,10 @@ class Explainer {
   }
 
   bool one_machine() const { return one_machine_; }
-  // How well the component's clock is known beside the controller's.
+  // The error of the offset between the component's and the controller's clock.
   std::int64_t uncertainty_ns(const Sample& sample) const { return usual_.uncertainty_ns(sample.sent_ns); }
 
-  // What it kept of that message; nullptr: nothing, or there is none.
+  // What pong kept about that message; nullptr: nothing, or there is no pong.
   const record::Trace* of_pong(const Sample& sample) const {
     return pong_ == nullptr
                ? nullptr
@@ -173,14 +173,14 @@ class Explainer {
       const auto from_ns = scene.legs.empty() ? awaited_since_ns(sample) : scene.legs.back().to_ns;
       scene.legs.push_back({name, from_ns, std::max(from_ns, until_ns)});
     };
-    add("wakes", sample.woke_ns);
-    add("is sent", sample.sent_ns);
+    add("sender wake-up", sample.woke_ns);
+    add("sending", sample.sent_ns);
     if (scene.there_ns && scene.answered_ns) {
-      add("on its way there", *scene.there_ns);
-      add("is answered", *scene.answered_ns);
-      add("on its way back", end_ns);
+      add("request leg", *scene.there_ns);
+      add("server turnaround", *scene.answered_ns);
+      add("reply leg", end_ns);
     } else {
-      add(is_lost ? "never comes back" : "there and back", end_ns);
+      add(is_lost ? "lost" : "both legs", end_ns);
     }
     return scene;
   }
@@ -201,7 +201,7 @@ bool is_of_lost(const Part& part) {
   return part.cause == Cause::dropped || (part.cause == Cause::unknown && part.ns == 0);
 }
 
-// Of one message for another: the same culprit.
+// Whether the two parts belong into one group: the same cause, thread and culprit.
 bool same(const Part& one, const Part& other) {
   return one.cause == other.cause && one.end == other.end && one.thread == other.thread &&
          one.via == other.via && one.culprit == other.culprit && is_of_lost(one) == is_of_lost(other) &&
@@ -263,7 +263,7 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
     account.lost += sample.fate == Fate::lost ? 1 : 0;
     account.late_by_response += explainer.is_late_by_response(sample) ? 1 : 0;
     const bool is_lost = sample.fate == Fate::lost;
-    // One window of a pong's may be around all that was lost in an outage.
+    // One window of pong's trace may cover all messages that were lost in an outage.
     const bool is_one_too_many = is_lost && lost_looked_at >= most_lost && !traces.contains(sample.index);
     if (const auto* const there = is_one_too_many ? nullptr : explainer.of_pong(sample))
       traces[sample.index].push_back(there);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why messages were late or lost, from what is recorded of them and what the kernels did around them. No
-// thread is accused without an event that shows it; what is left is unknown, and all of a delay adds up.
+// Why messages were late or lost, from their recorded times and the kernels' trace. No thread is named as a
+// culprit without an event that shows it; the rest is `unknown`. All parts of a delay add up to it.
 // Ordinary thread only; throws record::Error.
 #pragma once
 
@@ -41,15 +41,15 @@ struct Part {
 
 struct Message {
   roundtrip::Sample sample;
-  std::int64_t delay_ns = 0;  // the sum of its parts; of one that is lost: as far as it was looked at
+  std::int64_t delay_ns = 0;  // the sum of its parts; for a lost message: the examined time
   std::vector<Part> parts{};  // the largest first
-  bool whole = true;          // false: a part of what the kernels did around it is not known
-  // Answered in time since it was sent, and too late since it, or a cycle slept through before it, was due.
+  bool whole = true;          // false: the trace around it is incomplete
+  // It met the deadline from when it was sent, but not from when it (or a skipped cycle before it) was due.
   bool late_by_response = false;
   bool is_fault() const { return sample.fate != roundtrip::Fate::on_time || late_by_response; }
 };
 
-// Those messages that have the same first culprit.
+// Messages with the same first culprit.
 struct Group {
   Part culprit;  // without ns and when
   std::size_t messages = 0;
@@ -62,20 +62,20 @@ struct Account {
   bool traced = false;                 // it was measured with `explain: on`
   std::uint64_t late = 0, lost = 0;    // of the run
   std::uint64_t late_by_response = 0;  // messages that are neither, see Message
-  std::vector<Message> messages;  // that were looked at, the worst first: lost, late, and the slowest others
-  std::vector<Group> groups;      // of the faults, most messages first
-  std::vector<std::string> limits;  // for people: what could not be told, and why
+  std::vector<Message> messages;       // those examined, the worst first: lost, late, and the slowest others
+  std::vector<Group> groups;           // of the faults, most messages first
+  std::vector<std::string> limits;     // for people: what could not be examined, and why
 };
 
-std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
+std::int64_t deadline_ns_of(const record::Run&);  // 0: none
 
-// What a `pong --explain` kept of the machine that answered a run by hand.
+// The trace that `pong --explain` kept on the machine that answered a run by hand.
 class Pong {
  public:
-  // Throws record::Error where nothing that is kept fits that run, or all of it contradicts it.
+  // Throws record::Error if no kept trace matches that run, or all of them contradict it.
   Pong(const record::Reader& kept, const record::Reader&, const record::Run&);
   const record::Run& run() const { return run_; }
-  // Of a message that was sent at that moment of pong's clock; nullptr: it kept none.
+  // For a message sent at that time of pong's clock; nullptr: none was kept.
   const record::Trace* trace_of(const roundtrip::Sample&, std::int64_t sent_there_ns) const;
 
  private:
@@ -85,10 +85,10 @@ class Pong {
 
 Account account_of(const record::Reader&, const record::Run&, const Pong* = nullptr);
 
-// What was seen around a message, for drawing; times are of the client's clock.
+// The trace around a message, for drawing; all times by the client's clock.
 struct Scene {
   struct Machine {
-    std::string end;  // whose; where both ends are on one machine, it is the controller's
+    std::string end;  // "controller" if both ends are on one machine
     std::int64_t from_ns, to_ns;
     Timeline timeline;
   };
@@ -96,7 +96,7 @@ struct Scene {
     std::string end, role;
     std::int32_t id;
   };
-  // Of the message's way, as far as it came: for people.
+  // The message's stages as far as it came, with names for people.
   struct Leg {
     const char* name;
     std::int64_t from_ns, to_ns;
@@ -108,23 +108,23 @@ struct Scene {
   std::int64_t uncertainty_ns = 0;                    // of the component's times
   bool one_machine = false;
 };
-// Of each of these messages of a run, in the order of their index.
+// Calls the function for each of these messages of a run, in the order of their index.
 void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
                 const std::function<void(const Message&, const Scene&)>&, const Pong* = nullptr);
 
-// A kernel's thread that takes packets in.
+// Whether a kernel thread of that name receives packets.
 bool is_kernels(const std::string& thread);
-// What a thread of another program was at between two moments, by cause, the largest first: what it ran is
-// `busy`, what it slept is `waited`.
+// What a thread of another program did in that time, by cause, the largest first: running is `busy`,
+// sleeping is `waited`.
 std::vector<Part> spent_by(std::int32_t thread, const Timeline&, std::int64_t from_ns, std::int64_t to_ns);
-// The same of `whose` thread, in words.
+// As sentence_of(Part) below, with `whose` as the name of the thread.
 std::string sentence_of(const Part&, const std::string& whose);
 // For a person, without a scenario's settings; may be empty.
 std::string advice_of(const Part&, const std::string& whose);
 
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);
-// Without settings that cannot help this thread, or that the run had already.
+// Without settings that cannot help this thread or that the run already had.
 Remedy remedy_for(const Part&, const record::Run&);
 std::string text_of(const Remedy&);  // in one line
 

@@ -12,7 +12,7 @@ namespace {
 using roundtrip::Fate;
 using Lines = std::vector<std::string>;
 
-// A kernel that traces every switch leaves nothing to be inferred, but for events that are lost.
+// Where the kernel traces every switch, none is inferred except after lost events.
 void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
   constexpr std::size_t surely_some = 10;
   std::map<std::pair<std::string, int>, std::size_t> inferred;
@@ -24,19 +24,18 @@ void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
     }
   for (const auto& [place, switches] : inferred)
     if (switches >= surely_some)
-      limits.push_back(fmt::format(
-          "the kernel of the {}'s machine does not tell all switches of CPU {}: they are inferred "
-          "from what a thread does there next, and the time until then is unknown",
-          place.first, place.second));
+      limits.push_back(
+          fmt::format("the {}'s kernel does not trace all thread switches of CPU {}: ontime infers them from "
+                      "later events; the time until then is unknown",
+                      place.first, place.second));
 }
 
 void add_untraced(Lines& limits, const record::Run& run) {
   if (!run.outcome.trace) return;
   for (const auto& [host, traced] : *run.outcome.trace) {
-    if (!traced.error.empty())
-      limits.push_back(fmt::format("nothing is known of what the {}'s machine did: {}", host, traced.error));
+    if (!traced.error.empty()) limits.push_back(fmt::format("no trace from the {}: {}", host, traced.error));
     for (const auto& what : traced.missing)
-      limits.push_back(fmt::format("the kernel of the {}'s machine does not tell {}", host, what));
+      limits.push_back(fmt::format("the {}'s kernel does not trace {}", host, what));
   }
 }
 
@@ -49,15 +48,14 @@ void add_not_looked_at(Lines& limits, const Account& account) {
   }
   const auto all_late = account.late + account.late_by_response;
   if (late < all_late || lost < account.lost)
-    limits.push_back(fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages",
+    limits.push_back(fmt::format("examined: the worst {} of {} late and the first {} of {} lost messages",
                                  late, all_late, lost, account.lost));
   if (in_part > 0)
-    limits.push_back(
-        fmt::format("of {} message{} a part of what the kernel did is not known: more happened than was kept",
-                    in_part, in_part == 1 ? "" : "s"));
+    limits.push_back(fmt::format("incomplete trace of {} message{}: more events than ontime keeps", in_part,
+                                 in_part == 1 ? "" : "s"));
 }
 
-// Of two machines what was seen of one says nothing of the other.
+// With two machines, the trace of one shows nothing about the other.
 void add_one_sided(Lines& limits, const Account& account, const record::Run& run,
                    const TracesByMessage& traces) {
   const auto traced = run.outcome.trace.value_or(record::ByName<record::Traced>());
@@ -69,10 +67,10 @@ void add_one_sided(Lines& limits, const Account& account, const record::Run& run
       const auto* const remedy =
           !is_by_hand(run) ? ""
           : host == std::string_view("component")
-              ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
-              : " (ontime ping --explain)";
-      if (record::find(traced, host).error.empty())  // or else it is told
-        limits.push_back(fmt::format("nothing is known of what the {}'s machine did{}", host, remedy));
+              ? ". Fix: ontime pong --explain --results FILE there, then ontime explain … --pong FILE"
+              : ". Fix: ontime ping --explain";
+      if (record::find(traced, host).error.empty())  // otherwise add_untraced reports the error
+        limits.push_back(fmt::format("no trace from the {}{}", host, remedy));
       continue;
     }
     std::size_t faults = 0, of_others = 0;
@@ -83,9 +81,7 @@ void add_one_sided(Lines& limits, const Account& account, const record::Run& run
     }
     if (of_others > 0)
       limits.push_back(
-          fmt::format("of {} of the {} late and lost messages that were looked at nothing is known of what "
-                      "the {}'s machine did",
-                      of_others, faults, host));
+          fmt::format("no trace from the {} for {} of {} late and lost messages", host, of_others, faults));
   }
 }
 
@@ -102,8 +98,7 @@ std::vector<std::string> limits_of(const Account& account, const record::Run& ru
   if (!one_machine) add_one_sided(limits, account, run, traces);
   if (clocks_ns)
     limits.push_back(fmt::format(
-        "the component's clock is known to within {:.1f} us of the controller's: so much may be wrong "
-        "of where one machine's part of a message's way ends and the other's begins",
+        "clock error between the machines: ±{:.1f} µs; the border between their parts is that uncertain",
         static_cast<double>(*clocks_ns) / 1e3));
   add_untold_switches(limits, traces);
   return limits;

@@ -33,15 +33,15 @@ Pong::Pong(const record::Reader& kept, const record::Reader& reader, const recor
   }
   if (most == 0)
     throw record::WrongFile(fmt::format(
-        "no pong --explain kept there what it did when it answered run {}: its file is another's, or "
-        "of another time",
+        "the --pong file has no trace of run {}: it is from another run. Fix: give the file that pong "
+        "--explain --results wrote during that run",
         run.number));
   kept.each_trace(run_.number, [&](const record::Trace& trace) {
     if (trace.host == "component") traces_.push_back(trace);
   });
 }
 
-// Of the message itself; of one that never came, that of the time at which it should have.
+// The trace of the message itself; for a lost one, the trace of the time when it should have arrived.
 const record::Trace* Pong::trace_of(const Sample& sample, std::int64_t sent_there_ns) const {
   const auto there_ns = sample.server_received_ns != 0 ? sample.server_received_ns : sent_there_ns;
   const record::Trace* best = nullptr;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The CPUs: how fast, how deeply asleep, whose.
+// The CPUs: frequency, idle states, isolation, virtualisation.
 #include <algorithm>
 #include <map>
 #include <sstream>
@@ -37,7 +37,7 @@ Findings governor(const Look& look) {
   words.reserve(governors.size());
   for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
   return {{Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
-           "a CPU that sleeps between messages is slow when one arrives; it needs milliseconds to speed up",
+           "between messages the CPU slows down; it needs milliseconds to speed up when one arrives",
            "sudo ontime tune apply --set governor=performance"}};
 }
 
@@ -54,13 +54,14 @@ Findings idle_states(const Look& look) {
       name = look.text(path + "/name").value_or(state);
     }
   if (deepest_us < 0) return {};
-  const auto is = fmt::format("the deepest is {}, left within {} µs", name, deepest_us);
+  const auto is = fmt::format("the deepest is {}: {} µs to leave", name, deepest_us);
   if (deepest_us <= enough_us) return {fine(is)};
-  return {{Severity::hint, is,
-           fmt::format("none that takes longer than {} µs to leave, while waiting for messages", enough_us),
-           "the first message after a pause waits until the CPU wakes up",
-           "the robot's program holds /dev/cpu_dma_latency open with a 0 in it (ontime: realtime on); or for "
-           "all programs: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
+  return {
+      {Severity::hint, is,
+       fmt::format("at most {} µs to leave, while a program waits for messages", enough_us),
+       "the first message after a pause waits until the CPU wakes up",
+       "write 0 to /dev/cpu_dma_latency in the robot's program and keep it open (ontime: realtime on); or "
+       "for all programs: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
 }
 
 Findings smt(const Look& look) {
@@ -68,8 +69,7 @@ Findings smt(const Look& look) {
   if (!active) return {};
   if (*active == 0) return {fine("off")};
   return {
-      {Severity::hint, "on", "off",
-       "two CPUs share one core: work on one slows the other, whatever the priorities",
+      {Severity::hint, "on", "off", "two CPUs share one core: work on one slows the other, at any priority",
        "echo off | sudo tee /sys/devices/system/cpu/smt/control; permanently: nosmt on the kernel's command "
        "line"}};
 }
@@ -81,12 +81,12 @@ Findings isolation(const Look& look) {
   if (cpus(look).size() < 2) return {};
   return {
       {Severity::hint, "none", "one or more, if priorities are not enough",
-       "other programs compete for the caches, and their interrupts come in between",
+       "other programs use the same caches, and their interrupts interrupt the robot's threads",
        "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line; then give the "
        "robot's threads CPU N (realtime.cpus in a scenario); for a run without reboot: isolation.cpus"}};
 }
 
-// What only the command line can: a CPU that others' threads are kept off has its tick all the same.
+// Only the kernel's command line can do this: a CPU without other threads still has its tick.
 Findings full_isolation(const Look& look) {
   const auto isolated = realtime::cpus_of(look.text(std::string(folder) + "isolated").value_or(""));
   if (!isolated || isolated->empty()) return {};
@@ -111,12 +111,11 @@ Findings full_isolation(const Look& look) {
   if (!without_tick && !has_all(callbacks)) lacking.emplace_back("rcu_nocbs");  // the one brings the other
   if (isolcpus.find("managed_irq") == isolcpus.npos) lacking.emplace_back("managed_irq");
   if (lacking.empty())
-    return {fine(fmt::format("of CPUs {}: without tick, RCU's callbacks and managed interrupts", cpus))};
+    return {fine(fmt::format("CPUs {}: no tick, no RCU callbacks, no managed interrupts", cpus))};
   return {
       {Severity::hint, fmt::format("CPUs {} are isolated without {}", cpus, fmt::join(lacking, ", ")),
-       "all of it",
-       "the tick, RCU callbacks, and interrupts whose CPUs a driver manages (NVMe, network cards) still come "
-       "there",
+       "all three",
+       "the tick, RCU callbacks, and interrupts that a driver manages (NVMe, network cards) still run there",
        fmt::format("isolcpus=managed_irq,domain,{0} nohz_full={0} rcu_nocbs={0} on the kernel's command line",
                    cpus)}};
 }
@@ -126,7 +125,7 @@ Findings virtualisation(const Look& look) {
   for (std::string flag; flags >> flag;)
     if (flag == "hypervisor")
       return {{Severity::hint, "a virtual machine", "real hardware",
-               "the host may pause it at any time, and no setting inside changes that",
+               "the host may pause it at any time; no setting in the guest prevents that",
                "use it to compare settings; measure the robot on the robot"}};
   return {};
 }
@@ -138,10 +137,10 @@ Findings stolen_time(const Look& look) {
   if (since_start.stolen_ticks == 0) return {};
   const auto share =
       static_cast<double>(since_start.stolen_ticks) / static_cast<double>(since_start.total_ticks);
-  const auto is = fmt::format("{:.2g} % of the time since the start", share * 100);
+  const auto is = fmt::format("{:.2g} % of the time since boot", share * 100);
   if (share < much) return {fine(is)};
   return {{Severity::wrong, is, "none",
-           "for that time the host gave this machine's CPUs to other machines while they had work",
+           "for that time this machine's CPUs had work, but the host ran other machines on them",
            "pin the virtual CPUs to CPUs of the host (libvirt: vcpupin), or use real hardware"}};
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Whether a machine is fit for messages that must arrive on time: a table of short checks, each of which says
-// what is, what should be, why, and what fixes it. They read files and change nothing. Ordinary thread only.
+// Whether a machine is ready for messages that must arrive on time: a table of short checks. Each reports the
+// current state, the required one, the reason and the fix. They read files and change nothing. Ordinary
+// thread only.
 #pragma once
 
 #include <optional>
@@ -19,20 +20,20 @@ const char* word_of(Severity);  // "ok", "warning", "error"
 struct Finding {
   Severity severity = Severity::fine;
   std::string is;
-  std::string should, why, remedy;  // "" if it is fine; the remedy is a command, or says what to do
+  std::string should, why, remedy;  // "" if it is fine; the remedy is a command or an instruction
   std::string check{};              // "governor"
 };
 
-// What is looked at.
+// What is checked.
 struct Subject {
   std::string root;                     // a folder that stands for "/"; "": the machine itself
   std::vector<std::string> interfaces;  // none: all that are hardware
-  std::optional<bool> synchronised;     // the clock of a folder; nothing: unknown
+  std::optional<bool> synchronised;     // if `root` is a folder: its clock; nullopt: unknown
 };
 
-// In the order of the table. What a machine does not have is left out.
+// In the order of the table; without checks that do not apply to this machine.
 std::vector<Finding> check(const Subject&);
-bool fit(const std::vector<Finding>&);               // nothing is wrong
+bool fit(const std::vector<Finding>&);               // no errors
 std::string counts_of(const std::vector<Finding>&);  // "1 error, 9 warnings"
 
 }  // namespace ontime::fitness

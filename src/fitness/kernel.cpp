@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel: how it preempts, whom it holds back, what time it keeps.
+// The kernel: preemption, throttling, timers, clocks.
 #include <fmt/format.h>
 
 #include "fitness/look.hpp"
@@ -14,13 +14,12 @@ Findings preemption(const Look& look) {
   if (model == "dynamic") model.reset();
   Finding finding{Severity::hint,
                   fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
-                  "PREEMPT_RT",
-                  "an interrupt, a softirq or a kernel lock makes every thread wait until it ends",
+                  "PREEMPT_RT", "every thread waits until interrupts, softirqs and kernel locks end",
                   "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
-  // Lazily it lets only ordinary threads go on for a while.
+  // Lazy preemption delays the preemption of ordinary threads only.
   if (model && *model != "full" && *model != "lazy") {
     finding.severity = Severity::wrong;
-    finding.why = "a system call of any program makes a real-time thread wait until it ends or sleeps";
+    finding.why = "a real-time thread waits until a system call of any other program ends or sleeps";
     finding.remedy += "; until then: preempt=full on the kernel's command line, if it is PREEMPT_DYNAMIC";
   }
   return {finding};
@@ -31,9 +30,9 @@ Findings throttling(const Look& look) {
              period = look.number("/proc/sys/kernel/sched_rt_period_us");
   if (!runtime || !period) return {};
   if (*runtime < 0 || *runtime >= *period) return {fine("off")};
-  return {{Severity::hint, fmt::format("real-time tasks have {} of every {} µs", *runtime, *period),
+  return {{Severity::hint, fmt::format("real-time threads get at most {} of every {} µs", *runtime, *period),
            "off, if no real-time thread runs forever",
-           "real-time threads that together run longer are stopped until the period ends",
+           "real-time threads that run longer, all together, are stopped until the period ends",
            "sudo ontime tune apply --set rt-throttling=off"}};
 }
 
@@ -42,9 +41,9 @@ Findings fair_server(const Look& look) {
   for (const auto& cpu : look.names(folder))
     if (const auto runtime = look.number(fmt::format("{}/{}/runtime", folder, cpu)); runtime && *runtime > 0)
       return {{Severity::hint,
-               fmt::format("ordinary tasks on {} have {} ns of each period reserved", cpu, *runtime),
+               fmt::format("{} reserves {} ns of each period for ordinary threads", cpu, *runtime),
                "0 on CPUs for real-time threads only",
-               "ordinary tasks that starve run before real-time threads for that long",
+               "starving ordinary threads run before real-time threads for that long",
                fmt::format("for f in {}/cpu*/runtime; do echo 0 | sudo tee $f; done", folder)}};
   return {};
 }
@@ -54,8 +53,7 @@ Findings autogroup(const Look& look) {
   if (!on) return {};
   if (*on == 0) return {fine("off")};
   return {{Severity::hint, "on", "off",
-           "niceness counts only within a session, so nice and renice do little; real-time threads are not "
-           "affected",
+           "niceness counts only within a session, so nice and renice have little effect on ordinary threads",
            "sudo sysctl kernel.sched_autogroup_enabled=0"}};
 }
 
@@ -63,9 +61,9 @@ Findings timer_migration(const Look& look) {
   const auto on = look.number("/proc/sys/kernel/timer_migration");
   if (!on) return {};
   const auto isolated = look.text("/sys/devices/system/cpu/isolated").value_or("");
-  if (*on == 0 || isolated.empty()) return {fine(*on == 0 ? "off" : "on, and no CPU is isolated")};
+  if (*on == 0 || isolated.empty()) return {fine(*on == 0 ? "off" : "on; no CPU is isolated")};
   return {{Severity::hint, "on", "off where CPUs are isolated",
-           "timers of idle CPUs run on busy ones, which may be the isolated ones",
+           "timers of idle CPUs run on busy CPUs, possibly on isolated ones",
            "sudo ontime tune apply --set timer-migration=off"}};
 }
 
@@ -75,11 +73,12 @@ Findings clock_source(const Look& look) {
   if (!current) return {};
   for (const auto* slow : {"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
     if (*current == slow)
-      return {{Severity::wrong, *current, "tsc; on other machines than PCs the CPU's own counter",
-               "reading the clock takes microseconds, and every program reads it",
-               fmt::format("available: {}; see why the kernel rejects tsc (sudo dmesg | grep -i tsc); if tsc "
-                           "is sound: tsc=reliable on the kernel's command line",
-                           look.text(folder + "available_clocksource").value_or("?"))}};
+      return {
+          {Severity::wrong, *current, "tsc; on machines other than PCs the CPU's own counter",
+           "reading the clock takes microseconds, and every program reads it",
+           fmt::format("available: {}; find why the kernel rejects tsc (sudo dmesg | grep -i tsc); if tsc "
+                       "is reliable: tsc=reliable on the kernel's command line",
+                       look.text(folder + "available_clocksource").value_or("?"))}};
   return {fine(*current)};
 }
 
@@ -90,7 +89,7 @@ Findings clock_synchronised(const Look& look) {
   if (!synchronised) return {};
   if (*synchronised) return {fine("synchronised")};
   return {{Severity::hint, "not synchronised", "synchronised, best by PTP",
-           "between two machines only the round trip can be measured, not its two legs",
+           "between two machines only the round trip can be measured, not the request and reply legs",
            "sudo apt install chrony; or linuxptp, if both network cards have clocks (ethtool -T)"}};
 }
 

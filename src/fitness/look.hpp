@@ -16,10 +16,10 @@ class Look {
   explicit Look(const Subject& subject) : subject_(subject) {}
   const Subject& subject() const { return subject_; }
 
-  // Without white space at its ends; nothing if it cannot be read.
+  // Without leading and trailing white space; nullopt if it cannot be read.
   std::optional<std::string> text(const std::string& path) const;
   std::optional<std::int64_t> number(const std::string& path) const;
-  // Behind "key:" or "key   ", as in /proc/self/status and /proc/self/limits.
+  // The text after "key:" or "key   ", as in /proc/self/status and /proc/self/limits.
   std::optional<std::string> field(const std::string& path, const std::string& key) const;
   std::vector<std::string> names(const std::string& folder) const;  // in order
   bool exists(const std::string& path) const;
@@ -39,7 +39,7 @@ class Look {
 inline Finding fine(std::string is) { return {Severity::fine, std::move(is), "", "", ""}; }
 
 using Findings = std::vector<Finding>;
-// None where there is no such thing on this machine.
+// Empty if the check does not apply to this machine.
 Findings preemption(const Look&), throttling(const Look&), fair_server(const Look&), autogroup(const Look&),
     timer_migration(const Look&), clock_source(const Look&), clock_synchronised(const Look&);
 Findings governor(const Look&), idle_states(const Look&), smt(const Look&), isolation(const Look&),

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The DDS libraries that are installed, by the names of their files, and what is known of their versions.
+// The installed DDS libraries, by their file names, and the known faults of their versions.
 #include <algorithm>
 
 #include <fmt/format.h>
@@ -18,19 +18,20 @@ constexpr Library libraries[] = {
 
 struct Fault {
   const char* name;
-  const char* version;  // it begins so
+  const char* version;  // a prefix
   const char* what;
   const char* remedy;
 };
-// What this project has found, and works around.
+// Faults that this project found and works around.
 constexpr Fault faults[] = {
     {"Cyclone DDS", "0.10.",
-     "it does not count packets lost to a full socket buffer, and has no priority for the threads that "
-     "receive data",
-     "set the others' priorities in CYCLONEDDS_URI (Threads); ontime counts losses by its own numbers"},
-    {"Fast DDS", "2.9.", "it has no priorities for its threads (since 2.13 it has), and gives them no names",
-     "ontime finds and sets its own (realtime on); start a robot's program as SCHED_FIFO, which its threads "
-     "inherit: chrt --fifo 70 PROGRAM"}};
+     "it does not count packets lost to a full socket buffer, and cannot set the priority of its receive "
+     "threads",
+     "set the priorities of its other threads in CYCLONEDDS_URI (Threads); ontime counts losses itself"},
+    {"Fast DDS", "2.9.", "it cannot set priorities of its threads (2.13 can) and gives them no names",
+     "start the robot's program as SCHED_FIFO, which its threads inherit: chrt --fifo 70 PROGRAM (ontime "
+     "sets "
+     "its own threads: realtime on)"}};
 
 Finding finding_of(const Library& library, const std::string& version, const std::string& folder) {
   const auto is = fmt::format("{} {} ({})", library.name, version, folder);

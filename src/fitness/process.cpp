@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the caller's programs may have: priorities, and locked memory.
+// The limits of the caller's programs: priorities and locked memory.
 #include <charconv>
 
 #include <fmt/format.h>
@@ -18,8 +18,8 @@ std::string how_to_permit(const Look& look) {
   if (auto by_unit = realtime::how_to_permit_service(text("/proc/self/environ"), text("/proc/self/cgroup"));
       !by_unit.empty())
     return by_unit;
-  return "into /etc/security/limits.d/realtime.conf: \"@realtime - rtprio 98\" and \"@realtime - memlock "
-         "unlimited\"; then "
+  return "write \"@realtime - rtprio 98\" and \"@realtime - memlock unlimited\" into "
+         "/etc/security/limits.d/realtime.conf; then "
          "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in again";
 }
 
@@ -43,17 +43,18 @@ Findings priority_limit(const Look& look) {
   int priority = 0;
   std::from_chars(most.data(), most.data() + most.size(), priority);
   if (most == "unlimited" || priority >= needed) return {fine("up to " + most)};
-  return {{Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
+  return {{Severity::wrong, fmt::format("real-time priorities up to {} are permitted", most),
            fmt::format("{} or more", needed),
-           "without one, every program that computes runs before your messages", how_to_permit(look)}};
+           "without a real-time priority, your threads wait while other programs compute",
+           how_to_permit(look)}};
 }
 
 Findings memory_limit(const Look& look) {
   const auto most = limit(look, "Max locked memory");
   if (most.empty()) return {};
   if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
-  return {{Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
-           "a page that is not locked may be read from the disk when it is used, which takes milliseconds",
+  return {{Severity::wrong, fmt::format("{} bytes may be locked", most), "unlimited",
+           "a page that is not locked may have to be read from disk, which takes milliseconds",
            how_to_permit(look)}};
 }
 
@@ -62,8 +63,8 @@ Findings priority_budget(const Look& look) {
     const auto budget = look.number(file);
     if (!budget) continue;
     if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
-    return {{Severity::wrong, "this control group has no real-time budget", "some",
-             "nothing in it can have a real-time priority, not even root's programs",
+    return {{Severity::wrong, "0 µs: this control group has no real-time budget", "more than 0 µs",
+             "no program in it can have a real-time priority, not even as root",
              fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
   }
   return {};
@@ -72,9 +73,9 @@ Findings priority_budget(const Look& look) {
 Findings swap(const Look& look) {
   const auto swaps = look.text("/proc/swaps");
   if (!swaps) return {};
-  if (swaps->find('\n') == swaps->npos) return {fine("none")};
-  return {{Severity::hint, "there is some", "none, or all memory of the robot's programs locked",
-           "swapped memory is read from the disk when it is used, which takes milliseconds",
+  if (swaps->find('\n') == swaps->npos) return {fine("off")};
+  return {{Severity::hint, "on", "off, or all memory of the robot's programs locked",
+           "swapped memory has to be read from disk, which takes milliseconds",
            "mlockall(MCL_CURRENT | MCL_FUTURE) in the program (as ontime does with realtime on); or sudo "
            "swapoff --all, "
            "and remove it from /etc/fstab"}};
@@ -85,27 +86,27 @@ Findings huge_pages(const Look& look) {
   if (!mode) return {};
   if (mode->find("[always]") == mode->npos) return {fine(*mode)};
   return {{Severity::hint, *mode, "madvise or never",
-           "the kernel merges small pages into large ones, and the program waits meanwhile",
+           "the program waits while the kernel merges small pages into large ones",
            "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"}};
 }
 
 Findings memory_balancing(const Look& look) {
   const auto on = look.number("/proc/sys/kernel/numa_balancing");
   if (!on || *on == 0) return {};
-  return {{Severity::hint, "on", "off",
-           "the kernel unmaps pages, also locked ones, to see which thread uses them: each costs a fault",
-           "sudo sysctl kernel.numa_balancing=0"}};
+  return {
+      {Severity::hint, "on", "off",
+       "the kernel unmaps pages, locked ones too, to see which thread uses them: each causes a page fault",
+       "sudo sysctl kernel.numa_balancing=0"}};
 }
 
 // Documentation/admin-guide/sysctl/vm.rst: the default is 1, under PREEMPT_RT 0.
 Findings compaction(const Look& look) {
   const auto moves = look.number("/proc/sys/vm/compact_unevictable_allowed");
   if (!moves) return {};
-  if (*moves == 0) return {fine("not of locked memory")};
-  return {
-      {Severity::hint, "of locked memory too", "not of locked memory",
-       "the kernel moves pages to make large ones; a moved page faults when it is used, also a locked one",
-       "sudo sysctl vm.compact_unevictable_allowed=0"}};
+  if (*moves == 0) return {fine("not for locked memory")};
+  return {{Severity::hint, "also for locked memory", "not for locked memory",
+           "the kernel moves pages to make room for large ones; each moved page causes a page fault",
+           "sudo sysctl vm.compact_unevictable_allowed=0"}};
 }
 
 }  // namespace ontime::fitness

@@ -53,11 +53,10 @@ struct Histogram {
 json json_of(const Histogram& of, std::int64_t unit_ns, const std::string& file, const std::string& where) {
   const auto unit = static_cast<std::uint64_t>(unit_ns);
   const auto wrong = [&](const std::string& what) { fail(file, where, what); };
-  if (of.values.empty())
-    wrong("there is no value in its histogram; cyclictest keeps values up to the N of -h N");
+  if (of.values.empty()) wrong("the histogram is empty; cyclictest keeps values up to the N of -h N");
   if (of.values.size() > most_values)
-    wrong(fmt::format("it has {} different values; at most {} can be kept", of.values.size(), most_values));
-  if (of.max > most_ns / unit) wrong(fmt::format("a maximum of {} cannot be", of.max));
+    wrong(fmt::format("it has {} different values; at most {} are supported", of.values.size(), most_values));
+  if (of.max > most_ns / unit) wrong(fmt::format("the maximum {} is out of range", of.max));
   if (!(of.mean >= 0 && of.mean <= static_cast<double>(of.max)))
     wrong(fmt::format("its mean, {}, is not between 0 and its maximum, {}", of.mean, of.max));
   std::uint64_t seen = of.beyond;
@@ -65,11 +64,10 @@ json json_of(const Histogram& of, std::int64_t unit_ns, const std::string& file,
   for (const auto& [value, count] : of.values)
     if (count > most_seen || (seen += count) > most_seen) wrong("more values than any run has");
   const auto [least, greatest] = std::pair(of.values.front().first, of.values.back().first);
-  if (of.min != least)
-    wrong(fmt::format("it says that the least value is {}, and its histogram begins with {}", of.min, least));
+  if (of.min != least) wrong(fmt::format("minimum {}, but the histogram begins with {}", of.min, least));
   if (of.beyond == 0 ? of.max != greatest : of.max < of.beyond_from)
-    wrong(fmt::format("it says that the greatest value is {}, and its histogram ends with {}{}", of.max,
-                      greatest, of.beyond == 0 ? "" : " and values beyond"));
+    wrong(fmt::format("maximum {}, but the histogram ends with {}{}", of.max, greatest,
+                      of.beyond == 0 ? "" : " and overflows"));
 
   auto values = json::array();
   for (const auto& [value, count] : of.values) values.push_back({value * unit, count});
@@ -133,7 +131,7 @@ class Text {
          {"Total", "Min Latencies", "Avg Latencies", "Max Latencies", "Histogram Overflows"})
       if (const auto key = fmt::format("# {}:", name); text.compare(first, key.size(), key) == 0) {
         if (!totals_.try_emplace(name, numbers(text.substr(first + key.size()))).second)
-          wrong(fmt::format("'{}' is there twice; a file has one histogram", name));
+          wrong(fmt::format("'{}' occurs twice; a file has one histogram", name));
         return;
       }
     if (text.compare(first, 9, "# Thread ") == 0) ++named_;
@@ -144,24 +142,23 @@ class Text {
     std::vector<std::uint64_t> result;
     for (std::string word; words >> word;) {
       const auto count = count_of(word);
-      if (!count) wrong(fmt::format("'{:.20}' is no whole number from 0", word));
+      if (!count) wrong(fmt::format("'{:.20}' is not a whole number of at least 0", word));
       result.push_back(*count);
     }
     return result;
   }
 
   void values(const std::vector<std::uint64_t>& columns) {
-    if (columns.size() < 2) wrong("a value and how often it was seen are needed");
+    if (columns.size() < 2) wrong("a line needs a value and its count");
     if (threads_.empty()) {
       if (columns.size() - 1 > most_threads) wrong("it has more columns than machines have CPUs");
       threads_.resize(columns.size() - 1);
     } else if (columns.size() - 1 != threads_.size()) {
-      wrong(fmt::format("it has {} columns, and the lines before have {}", columns.size(),
-                        threads_.size() + 1));
+      wrong(fmt::format("it has {} columns, the lines before {}", columns.size(), threads_.size() + 1));
     } else if (columns[0] < next_) {
       wrong(fmt::format("{} comes after {}", columns[0], next_ - 1));
     }
-    if (columns[0] > most_ns) wrong(fmt::format("{} cannot be", columns[0]));
+    if (columns[0] > most_ns) wrong(fmt::format("{} is out of range", columns[0]));
     next_ = columns[0] + 1;
     for (std::size_t i = 0; i < threads_.size(); ++i)
       if (columns[i + 1] > 0) threads_[i].values.emplace_back(columns[0], columns[i + 1]);
@@ -171,19 +168,19 @@ class Text {
     const auto found = totals_.find(name);
     if (found == totals_.end() || found->second.size() < threads_.size())
       fail(file_, "",
-           fmt::format("there is no '# {}:' with a number for each of {} columns: it is cut off, or not what "
-                       "`cyclictest -h N -q` prints",
+           fmt::format("no '# {}:' with a number for each of {} columns: the file is cut off, or not from "
+                       "`cyclictest -h N -q`",
                        name, threads_.size()));
     return found->second[thread];
   }
 
   void finish() {
-    if (threads_.empty()) fail(file_, "", "there is no histogram in it; `cyclictest -h N -q` prints one");
-    if (is_cut_off_) wrong("it has no end: the file is cut off");  // a number may lack its last digits
+    if (threads_.empty()) fail(file_, "", "no histogram in the file; `cyclictest -h N -q` prints one");
+    if (is_cut_off_) wrong("no end of line: the file is cut off");  // a number may lack its last digits
     // Of -H the last column is the sum of the others, and no thread.
     if (named_ > 0 && threads_.size() == named_ + 1) threads_.pop_back();
     if (named_ > 0 && threads_.size() != named_)
-      fail(file_, "", fmt::format("it has {} columns, and names {} threads", threads_.size(), named_));
+      fail(file_, "", fmt::format("it has {} columns, but names {} threads", threads_.size(), named_));
     for (std::size_t i = 0; i < threads_.size(); ++i) {
       auto& thread = threads_[i];
       thread.min = total("Min Latencies", i);
@@ -200,9 +197,9 @@ class Text {
       // The average is printed without its fraction.
       if (thread.beyond == 0) thread.mean = sum / static_cast<double>(std::max<std::uint64_t>(seen, 1));
       if (seen != total("Total", i))
-        fail(
-            file_, "",
-            fmt::format("column {}: its lines add up to {}, and it says {}", i + 1, seen, total("Total", i)));
+        fail(file_, "",
+             fmt::format("column {}: the counts add up to {}, but 'Total' is {}", i + 1, seen,
+                         total("Total", i)));
     }
   }
 
@@ -219,16 +216,15 @@ class Text {
 json document_of(const std::string& file) {
   auto in = open(file, most_json_bytes);
   const std::string text{std::istreambuf_iterator<char>(in), {}};
-  if (record::is_nested_deeper(text, deepest))
-    fail(file, "", "it is nested deeper than what cyclictest writes");
+  if (record::is_nested_deeper(text, deepest)) fail(file, "", "it is nested deeper than cyclictest's JSON");
   try {
     return json::parse(text);
   } catch (const json::exception& error) {
-    fail(file, "", fmt::format("it is no JSON, or cut off ({})", error.what()));
+    fail(file, "", fmt::format("it is not JSON, or cut off ({})", error.what()));
   }
 }
 
-// What is of another kind, or too long for what it says it is, is not known.
+// null if it is neither a number nor a short text.
 json word_of(const json& value) {
   const bool fits =
       value.is_number() || (value.is_string() && value.get_ref<const std::string&>().size() <= longest_word);
@@ -238,32 +234,32 @@ json word_of(const json& value) {
 Histogram histogram_of(const json& of, const std::string& file, const std::string& where) {
   const auto whole = [&](const char* key) {
     const auto& value = at(of, key);
-    if (!value.is_number_unsigned()) fail(file, where, fmt::format("'{}' is no whole number from 0", key));
+    if (!value.is_number_unsigned())
+      fail(file, where, fmt::format("'{}' is not a whole number of at least 0", key));
     return value.get<std::uint64_t>();
   };
   Histogram result;
   std::map<std::uint64_t, std::uint64_t> values;
   const auto& histogram = at(of, "histogram");
-  if (!histogram.is_object()) fail(file, where, "there is no histogram");
+  if (!histogram.is_object()) fail(file, where, "no histogram");
   std::uint64_t seen = 0;
   for (const auto& [value, count] : histogram.items()) {
     const auto number = count_of(value);
     if (!number || *number > most_ns || !count.is_number_unsigned())
-      fail(file, where,
-           fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
+      fail(file, where, fmt::format("'{:.20}' in the histogram is not a value with a count", value));
     if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
       fail(file, where, "more values than any run has");
     if (count > 0 && !values.try_emplace(*number, count.get<std::uint64_t>()).second)
-      fail(file, where, fmt::format("{} is in its histogram twice", *number));
+      fail(file, where, fmt::format("{} occurs twice in the histogram", *number));
   }
   result.values.assign(values.begin(), values.end());
   const auto cycles = whole("cycles");
-  if (seen > cycles) fail(file, where, fmt::format("its histogram has {} values of {} cycles", seen, cycles));
+  if (seen > cycles) fail(file, where, fmt::format("the histogram has {} values of {} cycles", seen, cycles));
   result.beyond = cycles - seen;  // JSON has neither their number nor where the histogram ended
   if (!values.empty()) result.beyond_from = values.rbegin()->first + 1;
   result.min = whole("min");
   result.max = whole("max");
-  if (!at(of, "avg").is_number()) fail(file, where, "'avg' is no number");
+  if (!at(of, "avg").is_number()) fail(file, where, "'avg' is not a number");
   result.mean = at(of, "avg").get<double>();
   return result;
 }
@@ -292,14 +288,14 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
   const auto document = document_of(file);
   const auto& threads = at(document, "thread");
   if (!threads.is_object() || threads.empty())
-    fail(file, "", "there is no 'thread' in it; `cyclictest -h N --json=FILE` writes one");
+    fail(file, "", "no 'thread' in the file; `cyclictest -h N --json=FILE` writes it");
   std::map<std::size_t, const json*> in_order;  // "10" comes after "9"
   for (const auto& [name, thread] : threads.items()) {
     const auto number = count_of(name);
     if (!number || *number >= most_threads)
-      fail(file, "thread", fmt::format("'{:.20}' is no thread's number", name));
+      fail(file, "thread", fmt::format("'{:.20}' is not a thread number", name));
     if (!in_order.try_emplace(*number, &thread).second)
-      fail(file, "thread", fmt::format("{} is there twice", *number));
+      fail(file, "thread", fmt::format("{} occurs twice", *number));
   }
   const auto unit_ns = at(document, "resolution_in_ns") == 1 ? 1 : 1000;
   std::vector<Import> runs;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What other tools measured, read as runs. The files may be foreign: whatever is wrong with one throws
-// record::WrongFile, which names the line or the key. Ordinary thread.
+// Imports files of other tools as runs. The files are not trusted: an error in one throws record::WrongFile,
+// which names the line or the key. Ordinary thread.
 #pragma once
 
 #include <cstdint>
@@ -20,8 +20,8 @@ enum class Form {
 };
 std::optional<Form> form_of(const std::string& word);
 
-// What is to become of a run, for record::Writer::begin_run() and end_run(). It has no samples: the tool kept
-// how often a value was seen, and not when. docs/reference/json.md describes `imported` and `histogram`.
+// A run for record::Writer::begin_run() and end_run(). It has no samples: the tool kept how often each value
+// occurred, but not when. docs/reference/json.md describes `imported` and `histogram`.
 struct Import {
   nlohmann::json asked, outcome;
 };
@@ -29,7 +29,7 @@ struct Import {
 struct What {
   Form form = Form::cyclictest_histogram;
   std::string id = "cyclictest";  // of all runs in the file
-  std::int64_t unit_ns = 1000;    // of the numbers in a histogram, which does not tell; JSON does
+  std::int64_t unit_ns = 1000;    // of the numbers in a histogram; JSON states its unit
 };
 // A run for each of cyclictest's threads.
 std::vector<Import> read(const std::string& file, const What&);

@@ -57,13 +57,13 @@ Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts)
     if (!has_it) continue;
     if (is_root(found)) return found;
     throw journal::Error(
-        fmt::format("the control groups in {} belong to a larger hierarchy, as in a container: run on the "
-                    "machine itself",
+        fmt::format("the control groups in {} are part of a larger hierarchy (in a container?). Fix: run on "
+                    "the machine itself",
                     found.folder));
   }
   throw journal::Error(
-      fmt::format("there are no control groups with the controller '{0}': mount them (mount -t cgroup2 none "
-                  "/sys/fs/cgroup), if this kernel has it (/proc/cgroups)",
+      fmt::format("no control groups with controller '{0}' are mounted. Fix: mount -t cgroup2 none "
+                  "/sys/fs/cgroup, if this kernel has that controller (/proc/cgroups)",
                   controller));
 }
 
@@ -83,8 +83,9 @@ std::vector<std::string> owners_of(const Hierarchy& hierarchy, const std::vector
     std::sort(owners.begin(), owners.end());
     return owners;
   }
-  throw journal::Error(fmt::format("whose the CPUs are cannot be told: control groups in {} come and go: {}",
-                                   hierarchy.folder, gone.message()));
+  throw journal::Error(
+      fmt::format("cannot find the owners of the CPUs: control groups in {} keep changing: {}",
+                  hierarchy.folder, gone.message()));
 }
 
 std::string folder_of(const std::string& group) {

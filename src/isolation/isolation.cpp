@@ -56,13 +56,15 @@ std::string cpus_in(const std::string& folder, bool unified) {
 void check_spare(const std::string& asked, const Cpus& kept, const std::string& everybodys) {
   const auto online = said("/sys/devices/system/cpu/online");
   for (const int cpu : kept) {
-    if (!has(list(online), cpu)) throw Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
+    if (!has(list(online), cpu))
+      throw Error(fmt::format("no CPU {} on this machine; online: {}", cpu, online));
     if (!has(list(everybodys), cpu))
-      throw Error(
-          fmt::format("CPU {} is reserved already: of {} all processes have {}", cpu, online, everybodys));
+      throw Error(fmt::format("CPU {} is already reserved: of CPUs {} all processes have {}", cpu, online,
+                              everybodys));
   }
   if (without(list(everybodys), kept).empty())
-    throw Error(fmt::format("CPUs {} are all CPUs: leave one to the other processes", asked));
+    throw Error(
+        fmt::format("CPUs {} are all CPUs. Fix: leave at least one CPU to the other processes", asked));
 }
 
 // All processes have the CPUs of the first one. Where these are not all, as with isolcpus, none would
@@ -72,9 +74,9 @@ void check_inherited(const std::string& asked, const Cpus& kept, const std::stri
   const auto nobodys = without(list(everybodys), inherited);
   if (nobodys.empty() || !any_of(inherited, kept)) return;
   throw Error(fmt::format(
-      "CPUs {} cannot be reserved: all processes have {} of {} from the start (isolcpus= on the kernel's "
-      "command line, or systemd's CPUAffinity=), and with control groups of version 1 processes with their "
-      "own CPUs stay on them. Reserve others ({}), or use control groups of version 2",
+      "CPUs {} cannot be reserved: all processes are bound to {} of {} since boot (isolcpus= on the kernel's "
+      "command line, or systemd's CPUAffinity=), and cgroup v1 does not move bound processes. Fix: reserve "
+      "CPUs {}, or use cgroup v2",
       asked, realtime::list_of(inherited), everybodys, realtime::list_of(nobodys)));
 }
 
@@ -90,14 +92,14 @@ void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept)
     if (would_be_forgotten(thread, all, kept, remembers))
       own.push_back(fmt::format("{} ({})", thread.name, thread.id));
   if (!own.empty())
-    throw Error(
-        fmt::format("threads have CPUs of their own, {}: {}. Give them all CPUs meanwhile (taskset "
-                    "--all-tasks --cpu-list --pid {} PID), or reserve other CPUs",
-                    remembers ? "which they would be moved away from" : "which Linux before 6.2 would forget",
-                    some_of(own), everybodys));
+    throw Error(fmt::format(
+        "threads are bound to CPUs, {}: {}. Fix: release them during the run (taskset --all-tasks "
+        "--cpu-list --pid {} PID), or reserve other CPUs",
+        remembers ? "and would be moved away from them" : "which Linux before 6.2 would forget", some_of(own),
+        everybodys));
 }
 
-// It says its number itself, which means another process here if it lives in a PID namespace of its own.
+// The process reports its own id, which is another process's id here if it runs in its own PID namespace.
 void check_is_ours(pid_t process) {
   namespace fs = std::filesystem;
   for (const auto* link : {"exe", "ns/pid"}) {
@@ -106,8 +108,8 @@ void check_is_ours(pid_t process) {
     const auto there = fs::read_symlink(fmt::format("/proc/{}/{}", process, link), ended);
     if (process <= 1 || ended || here != there)
       throw Error(
-          fmt::format("process {} is not the agent that needs reserved CPUs: it is another program, or has "
-                      "its own PID namespace",
+          fmt::format("process {} is not the agent that needs the reserved CPUs: another program, or in its "
+                      "own PID namespace",
                       process));
   }
 }
@@ -115,7 +117,7 @@ void check_is_ours(pid_t process) {
 }  // namespace
 
 Isolation::Isolation(journal::Journal& journal, const Wish& wish) : journal_(journal), wish_(wish) {
-  if (geteuid() != 0) throw Error("root alone can: run as root");
+  if (geteuid() != 0) throw Error("needs root. Fix: run as root");
   try {
     if (!wish_.cpus.empty()) keep_cpus();
     if (wish_.limits()) limit();
@@ -155,8 +157,8 @@ void Isolation::keep_cpus() {
   rest_ = realtime::list_of(without(list(everybodys_), kept));
   if (const auto owners = owners_of(root, kept); !owners.empty())
     throw Error(
-        fmt::format("CPUs {} belong to other control groups: {}. Take others, or take them "
-                    "from there (of a service of systemd's: AllowedCPUs=)",
+        fmt::format("CPUs {} belong to other control groups: {}. Fix: reserve other CPUs, or remove them "
+                    "there (systemd service: AllowedCPUs=)",
                     wish_.cpus, some_of(owners)));
   if (root.unified) {
     check_nothing_is_forgotten(everybodys_, kept);
@@ -165,11 +167,10 @@ void Isolation::keep_cpus() {
     const auto folder = folder_of(robot);
     write_file(folder + "/cpuset.cpus", wish_.cpus);
     const auto partition = folder + "/cpuset.cpus.partition";
-    if (!read_file(partition)) throw Error("this kernel has no CPU partitions (Linux 5.0 has)");
+    if (!read_file(partition)) throw Error("this kernel has no CPU partitions (needs Linux 5.0)");
     write_file(partition, "root");
     if (said(partition) != "root")
-      throw Error(
-          fmt::format("the kernel makes no partition of the CPUs {}: {}", wish_.cpus, said(partition)));
+      throw Error(fmt::format("the kernel refuses a partition of CPUs {}: {}", wish_.cpus, said(partition)));
     return;
   }
   check_inherited(wish_.cpus, kept, everybodys_);
@@ -224,10 +225,10 @@ void Isolation::keep(pid_t process) const {
   if (wish_.cpus.empty()) return;
   check_is_ours(process);
   if (!move(process, folder_of(robot) + "/cgroup.procs"))
-    throw Error(fmt::format("process {} cannot be given the CPUs {}: it has ended", process, wish_.cpus));
+    throw Error(fmt::format("cannot give CPUs {} to process {}: it has ended", wish_.cpus, process));
   if (const auto cpus = cpus_of_thread(process); !without(cpus, list(wish_.cpus)).empty())
-    throw Error(fmt::format("process {} was to have the CPUs {}, but has {}", process, wish_.cpus,
-                            realtime::list_of(cpus)));
+    throw Error(
+        fmt::format("process {}: requested CPUs {}, has {}", process, wish_.cpus, realtime::list_of(cpus)));
 }
 
 std::vector<std::string> Isolation::beside() const {

@@ -88,7 +88,7 @@ void remove_group(const std::string& what) {
     if (errno != EBUSY) throw trouble(folder + " cannot be removed", errno);
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
-  throw trouble(folder + " cannot be removed, something is in it still", EBUSY);
+  throw trouble(folder + " cannot be removed: it is not empty", EBUSY);
 }
 
 void write_group(const std::string& what, const Value& value, const Value& present) {
@@ -97,21 +97,21 @@ void write_group(const std::string& what, const Value& value, const Value& prese
     if (mkdir(folder.c_str(), 0755) == 0) return;
     if (errno == EEXIST)
       throw journal::Error(
-          fmt::format("there is a control group {0} already, and it is not this ontime's: if "
-                      "no process uses it, remove it (sudo rmdir {0})",
+          fmt::format("control group {0} already exists, and this ontime did not make it. Fix: if no process "
+                      "uses it, sudo rmdir {0}",
                       folder));
     throw trouble(folder, errno);
   }
   if (present != journal::to_be_made && read_group(what) != present)
-    throw journal::Error(fmt::format("the control group {} cannot be removed: it is another one", what));
+    throw journal::Error(
+        fmt::format("control group {} cannot be removed: another program made it anew", what));
   remove_group(what);
 }
 
 std::string control_file(const std::string& controller) {
   const auto root = hierarchy_of(controller);
   if (!root.unified)
-    throw journal::Error(
-        fmt::format("'{}' is by now a controller of control groups of version 1", controller));
+    throw journal::Error(fmt::format("controller '{}' has meanwhile moved to cgroup v1", controller));
   return root.folder + "/cgroup.subtree_control";
 }
 

@@ -87,7 +87,7 @@ std::vector<pid_t> ids_in(const std::string& path) {
   std::ifstream file(path);
   std::vector<pid_t> ids(std::istream_iterator<pid_t>(file), {});
   if (std::ranges::count(ids, 0) > 0)  // so it calls who is not of our PID namespace
-    throw journal::Error(path + " has processes of another PID namespace: run on the machine itself");
+    throw journal::Error(path + " has processes of another PID namespace. Fix: run on the machine itself");
   return ids;
 }
 

@@ -57,7 +57,7 @@ Value read(const std::string& path) {
   struct stat found {};
   if (lstat(path.c_str(), &found) == 0) return identity_of(found);
   if (errno == ENOENT || errno == ENOTDIR) return {};
-  throw trouble(path, "looked at", errno);
+  throw trouble(path, "read", errno);
 }
 
 int remove_one(const char* path, const struct stat*, int, FTW* place) {
@@ -105,7 +105,7 @@ std::string temporary_folder() {
   std::error_code error;
   auto folder = fs::temp_directory_path(error).string();
   if (error || folder[0] != '/')
-    throw Error("there is no temporary folder: set TMPDIR to the absolute path of one, or unset it");
+    throw Error("no temporary folder. Fix: set TMPDIR to the absolute path of a folder, or unset it");
   while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
   return folder;
 }
@@ -132,7 +132,7 @@ const Kind directory_kind = {"directory",      Scope::mount_namespace, accepts, 
 std::string add_directory(Journal& journal, const std::string& stem) {
   if (!is_plain_name(stem))
     throw Error(
-        fmt::format("\"{}\" is no name for a folder: lower case letters, digits and hyphens are", stem));
+        fmt::format("folder name \"{}\": only lower case letters, digits and hyphens are supported", stem));
   std::random_device random;
   auto path = fmt::format("{}/{}{}-{:08x}{:08x}", temporary_folder(), own_prefix, stem, random(), random());
   journal.change(directory_kind, path, to_be_made);

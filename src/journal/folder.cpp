@@ -41,7 +41,7 @@ bool same(const struct stat& one, const struct stat& other) {
   return one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
-// Why something is not this user's alone; "" if it is.
+// Why other users can change it; "" if only this user can.
 std::string fault_of(const struct stat& found) {
   if (found.st_uid != geteuid()) return fmt::format("it belongs to user {}", found.st_uid);
   if ((found.st_mode & (S_IWGRP | S_IWOTH)) != 0) return "others may write to it";
@@ -57,16 +57,16 @@ bool lock(int fd, std::chrono::nanoseconds limit) {
 }
 
 Error not_ours(const std::string& path, const std::string& fault) {
-  return Error(
-      fmt::format("{} is where ontime keeps the way back of what it changes, but {}: nothing in it is "
-                  "believed, and nothing is changed. Remove it, or have it removed by whose it is{}",
-                  path, fault, geteuid() == 0 ? "" : "; or set XDG_RUNTIME_DIR to a folder of your own"));
+  return Error(fmt::format(
+      "{} (folder of ontime's journals) is not trusted: {}. ontime changes nothing on this machine. "
+      "Fix: remove it, or ask its owner{}",
+      path, fault, geteuid() == 0 ? "" : "; or set XDG_RUNTIME_DIR to a folder of your own"));
 }
 
 }  // namespace
 
 Error cannot(const std::string& what, int error) {
-  return Error(fmt::format("{}: {}; without a journal nothing of this machine is changed", what,
+  return Error(fmt::format("{}: {}; without a journal ontime changes nothing on this machine", what,
                            std::generic_category().message(error)));
 }
 
@@ -97,13 +97,13 @@ std::optional<Folder> Folder::enter(bool make) {
       if (make) continue;
       return {};
     }
-    if (fd.get() < 0 && (errno == ENOTDIR || errno == ELOOP)) throw not_ours(path, "it is no folder");
+    if (fd.get() < 0 && (errno == ENOTDIR || errno == ELOOP)) throw not_ours(path, "it is not a folder");
     if (fd.get() < 0) throw not_ours(path, std::generic_category().message(errno));
     const auto found = stat_of(fd.get());
     if (const auto fault = fault_of(found); !fault.empty()) throw not_ours(path, fault);
     if (!lock(fd.get(), longest_hold))
-      throw Error(fmt::format("another ontime has been at work in {} for {}: see what it does, or end it",
-                              path, "10 s"));
+      throw Error(
+          fmt::format("another ontime has locked {} for {}. Fix: wait, or end that ontime", path, "10 s"));
     struct stat now {};
     if (lstat(path.c_str(), &now) == 0 && same(found, now)) return Folder(path, std::move(fd));
   }
@@ -154,9 +154,9 @@ Folder::Opened Folder::open(const std::string& name) const {
   if (fstatat(fd_.get(), name.c_str(), &before, AT_SYMLINK_NOFOLLOW) != 0)
     opened.not_believed = std::generic_category().message(errno);
   else if (!S_ISREG(before.st_mode))
-    opened.not_believed = "it is no file";
+    opened.not_believed = "it is not a file";
   else if (before.st_nlink != 1)
-    opened.not_believed = "it has more than one name";
+    opened.not_believed = "it has more than one name (hard link)";
   else if (before.st_size > max_journal_bytes)
     opened.not_believed = "it is larger than any journal";
   else
@@ -166,7 +166,7 @@ Folder::Opened Folder::open(const std::string& name) const {
   if (opened.fd.get() < 0)
     opened.not_believed = std::generic_category().message(errno);
   else if (!same(before, stat_of(opened.fd.get())))
-    opened.not_believed = "it is being exchanged";
+    opened.not_believed = "another program replaces it";
   else
     opened.alive = !lock(opened.fd.get(), 0s);
   return opened;

@@ -34,7 +34,7 @@ class Fd {
 };
 
 Error cannot(const std::string& what,
-             int error);  // "…; without a journal nothing of this machine is changed"
+             int error);  // "…; without a journal ontime changes nothing on this machine"
 
 // /run/ontime, or an ordinary user's own. It exists only while there are journals in it.
 std::string folder_path();

@@ -42,7 +42,7 @@ std::string line_of(const json& line) {
   try {
     return line.dump() + "\n";
   } catch (const json::exception&) {
-    throw Error("only names in UTF-8 can be kept in a journal; without a journal nothing is changed");
+    throw Error("a journal can hold only UTF-8 names; without a journal ontime changes nothing");
   }
 }
 

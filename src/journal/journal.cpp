@@ -54,14 +54,14 @@ Journal::GivenBack Journal::hold() {
   file_.reset();
   std::optional<Folder> entered;
   Cleared others;
-  // A process that was told to end, or killed, may still be on its way out of the kernel.
+  // A process that was signalled or killed may take some time to end.
   for (const auto until = Clock::now() + holder_may_end_in;; std::this_thread::sleep_for(50ms)) {
     entered.emplace(Folder::make());
     others = clear(*entered, more_);
     if (others.holder.empty()) break;
     if (Clock::now() > until)
       throw Error(fmt::format(
-          "another ontime changes this machine already: wait until it ends, or press Ctrl-C there. It is {}",
+          "another ontime changes this machine: {}. Fix: wait until it ends, or press Ctrl-C there",
           others.holder));
     entered.reset();  // the holder needs it to end
   }
@@ -81,9 +81,9 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
   if (find_kind(kind.name, more_) == nullptr)
     throw std::logic_error(fmt::format("{} was not named to the journal as a kind of change", kind.name));
   if (!kind.accepts(what))
-    throw Error(fmt::format("{} is nothing that {} may change", in_quotes(what), kind.name));
+    throw Error(fmt::format("{} is not a thing of kind '{}'", in_quotes(what), kind.name));
   if (kind.needs_root && geteuid() != 0)
-    throw Error(fmt::format("{} {} can be changed by root alone: run as root", kind.name, what));
+    throw Error(fmt::format("{} {} needs root. Fix: run as root", kind.name, what));
   hold();
   const int fd = file_->fd.get();
   const auto before = kind.read(what);
@@ -100,17 +100,17 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
     if (wanted == to_be_made && now)
       append(fd, line_of_identity(index, *now));
     else if (now != wanted)
-      throw Error(fmt::format("{} {} was to be {}, but is {}", kind.name, what, wanted.value_or("gone"),
-                              now.value_or("not there")));
+      throw Error(fmt::format("{} {}: requested {}, is {}", kind.name, what, wanted.value_or("gone"),
+                              now.value_or("gone")));
   } catch (const std::exception&) {  // also of the library: no thread, no memory
-    // What it is now is our own doing. Where the way back is barred too, it stays in the journal.
+    // The present state is our own doing: restore it. If that fails too, the change stays in the journal.
     try {
       if (kind.read(what) != before) kind.write(what, before, wanted);
       if (kind.read(what) == before) {
         cut(fd, static_cast<std::size_t>(length));
         --file_->entries;
       }
-    } catch (const std::exception&) {  // what is told is what went wrong first
+    } catch (const std::exception&) {  // the first error is reported
     }
     throw;
   }
@@ -171,7 +171,7 @@ std::vector<Kept> kept(std::span<const Kind> more) {
     const auto path = folder->path() + '/' + name;
     const auto opened = folder->open(name);
     if (!opened.not_believed.empty())
-      throw Error(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
+      throw Error(fmt::format("{} is not trusted: {}. Fix: remove it", path, opened.not_believed));
     look_at(opened.fd.get(), path, more, all);
   }
   return all;

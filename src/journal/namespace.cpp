@@ -32,7 +32,7 @@ bool accepts(const std::string& name) { return is_own_name(name); }
 Value read(const std::string& name) {
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
   if (fd.get() < 0 && errno == ENOENT) return {};
-  if (fd.get() < 0) throw trouble(name, "looked at", errno);
+  if (fd.get() < 0) throw trouble(name, "read", errno);
   auto identity = network_identity(fd.get());
   struct stat found {};
   if (!identity.empty() || (fstat(fd.get(), &found) == 0 && S_ISREG(found.st_mode) && found.st_size == 0))
@@ -120,15 +120,16 @@ void within_namespace(const std::string& name, const std::function<void()>& acti
 void add_namespace(Journal& journal, const std::string& name) {
   if (!accepts(name))
     throw Error(
-        fmt::format("\"{}\" is no name for a network namespace of ours: {}NAME is, of lower case letters, "
-                    "digits and hyphens",
+        fmt::format("network namespace \"{}\": the name must be {}NAME, of lower case letters, digits and "
+                    "hyphens",
                     name, own_prefix));
   journal.hold();
   if (read(name))
-    throw Error(fmt::format(
-        "network namespace {} was asked for, but there is one that ontime did not make: if no process "
-        "needs it, remove it (sudo ip netns delete {})",
-        name, name));
+    throw Error(
+        fmt::format("network namespace {} already exists, and ontime did not make it. Fix: if no process "
+                    "needs it, sudo ip "
+                    "netns delete {}",
+                    name, name));
   journal.change(namespace_kind, name, "");
   std::async(std::launch::async, [&] { make(journal, name); }).get();
 }

@@ -33,7 +33,7 @@ Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
   if (is_ours(entry, now) && (same_place || now)) {
     kind.write(entry.what, entry.before, entry.after);
     if (kind.read(entry.what) == entry.before) return Fate::undone;
-    throw Error(fmt::format("{} {} cannot be brought back to what it was", kind.name, entry.what));
+    throw Error(fmt::format("{} {} cannot be restored", kind.name, entry.what));
   }
   if (!same_place) return Fate::out_of_sight;
   return now == entry.before || !now ? Fate::nothing_there : Fate::not_ours;
@@ -79,7 +79,7 @@ bool is_of(const One& one, const Entry& entry) {
   return one.kind == entry.kind && one.where == entry.where && one.what == entry.what;
 }
 
-// One change of several of the same thing is told once: as it ended.
+// Several changes of the same thing are reported once: with the last result.
 struct Told {
   std::vector<const Entry*> of;
   std::vector<std::string> lines;
@@ -96,24 +96,24 @@ struct Told {
 };
 
 std::string by_hand(const std::string& path) {
-  return fmt::format("(from {}: remove this file when it has been undone by hand)", path);
+  return fmt::format("(from {}: undo it by hand, then remove this file)", path);
 }
 
-// The last first. What is settled is done from now on.
+// The last change first. Undone changes are marked as done.
 Reverted undo(Contents& contents, const std::string& path, std::span<const Kind> more, const Wanted& wanted) {
   Told done, left;
   std::set<std::pair<std::string, std::string>> kept;
   for (auto index = contents.entries.size(); index-- > 0;) {
     auto& entry = contents.entries[index];
     if (entry.done || (wanted && !wanted(entry))) continue;
-    // Of several changes of one thing, none is taken back before those after it are.
+    // Several changes of one thing are undone in reverse order: not before the later ones.
     if (kept.contains({entry.kind, entry.where + entry.what})) continue;
     const auto whose =
         fmt::format("process {} ({})", contents.header.pid, in_quotes(contents.header.command));
     try {
       const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr)
-        throw Error(fmt::format("{} is nothing that this version of ontime, or this user, may undo",
+        throw Error(fmt::format("this version of ontime, or this user, cannot undo {}",
                                 in_quotes(entry.kind + ' ' + entry.what)));
       switch (undo(entry, *kind, contents)) {
         case Fate::undone:
@@ -129,8 +129,8 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
                                       entry.kind, entry.what, whose));
           break;
         case Fate::out_of_sight:
-          throw Error(fmt::format("{} {}, of another {} namespace, is not to be seen from here", entry.kind,
-                                  entry.what, kind->scope == Scope::mount_namespace ? "mount" : "network"));
+          throw Error(fmt::format("{} {} of another {} namespace is not visible here", entry.kind, entry.what,
+                                  kind->scope == Scope::mount_namespace ? "mount" : "network"));
       }
       entry.done = true;
     } catch (const std::exception& error) {  // one that cannot be undone stops none of the others
@@ -169,8 +169,8 @@ Reverted revert(int fd, const std::string& path, std::span<const Kind> more, con
   auto contents = parse(text);
   if (!contents.not_understood.empty())
     return {.done = {},
-            .left = {fmt::format("{} is nothing that this version of ontime knows how to undo {}",
-                                 contents.not_understood, by_hand(path))}};
+            .left = {fmt::format("this version of ontime cannot undo {} {}", contents.not_understood,
+                                 by_hand(path))}};
   auto reverted = undo(contents, path, more, wanted);
   reverted.finished = std::ranges::all_of(contents.entries, &Entry::done);
   reverted.entries = contents.entries.empty() ? 0 : rewrite(fd, text, contents);
@@ -180,8 +180,7 @@ Reverted revert(int fd, const std::string& path, std::span<const Kind> more, con
 void look_at(int fd, const std::string& path, std::span<const Kind> more, std::vector<Kept>& all) {
   const auto contents = parse(text_of(fd));
   if (!contents.not_understood.empty())
-    throw Error(
-        fmt::format("{}: {} is nothing that this version of ontime knows", path, contents.not_understood));
+    throw Error(fmt::format("{}: this version of ontime does not know {}", path, contents.not_understood));
   if (of_another_boot(contents.header)) return;
   for (const auto& entry : contents.entries) {
     if (entry.done) continue;
@@ -192,13 +191,13 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
     one = {entry.kind, entry.where, entry.what, before, entry.after, {}, ""};
     try {
       const auto* const kind = acceptable_kind(entry, more);
-      if (kind == nullptr) throw Error("it is nothing that this version of ontime may look at");
+      if (kind == nullptr) throw Error("this version of ontime, or this user, cannot read it");
       const auto look = [&] { one.now = kind->read(entry.what); };
       if (entry.where == place(kind->scope)) {
         look();
       } else {
         const auto name = namespace_name(entry.where);
-        if (!name) throw Error("its network namespace is not to be seen from here");
+        if (!name) throw Error("its network namespace is not visible here");
         within_namespace(*name, look);
       }
     } catch (const std::exception& error) {
@@ -214,7 +213,7 @@ void revert_file(const Folder& folder, const std::string& name, const Folder::Op
   if (opened.not_believed.empty())
     one = revert(opened.fd.get(), path, more);
   else
-    one.left.push_back(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
+    one.left.push_back(fmt::format("{} is not trusted: {}. Fix: remove it", path, opened.not_believed));
   if (one.finished) folder.remove(name);
   all.finished = all.finished && one.finished;
   std::ranges::move(one.done, std::back_inserter(all.done));

@@ -85,12 +85,11 @@ std::string answer_of_iproute2(std::string program, const std::vector<std::strin
   const auto asked = fmt::format("{}", fmt::join(command, " "));
   const auto started = spawn(command, output.fd());
   if (started.error == ENOENT)
-    throw Error(fmt::format("{}: there is no `{}`: install iproute2 (sudo apt install iproute2)", asked,
-                            command.front()));
+    throw Error(fmt::format("{}: no program `{}`. Fix: sudo apt install iproute2", asked, command.front()));
   if (started.error != 0)
     throw Error(fmt::format("{}: {}", asked, std::generic_category().message(started.error)));
   if (wait_for(started.pid) != 0)
-    throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("it did not say why")));
+    throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("no error message")));
   return output.text();
 }
 

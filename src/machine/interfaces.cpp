@@ -41,7 +41,7 @@ using Addresses = std::unique_ptr<ifaddrs, decltype(&freeifaddrs)>;
 Addresses addresses() {
   ifaddrs* first = nullptr;
   if (getifaddrs(&first) != 0)
-    throw Error(fmt::format("the network interfaces of this machine cannot be listed: {}",
+    throw Error(fmt::format("cannot list the network interfaces of this machine: {}",
                             std::generic_category().message(errno)));
   return {first, freeifaddrs};
 }
@@ -56,7 +56,7 @@ Address address_of(const std::string& name) {
   hints.ai_socktype = SOCK_DGRAM;
   addrinfo* found = nullptr;
   if (const int error = getaddrinfo(name.c_str(), "9", &hints, &found); error != 0)
-    throw Error(fmt::format("'{}' is no address: {}", name, gai_strerror(error)));
+    throw Error(fmt::format("'{}' is not an address or known host: {}", name, gai_strerror(error)));
   const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owned(found, freeaddrinfo);
   Address address;
   address.bytes = owned->ai_addrlen;
@@ -78,7 +78,7 @@ std::string numeric(const Address& address) {
 }
 
 Error no_route(const std::string& name, int error) {
-  return Error(fmt::format("a route to {}: {}", name, std::generic_category().message(error)));
+  return Error(fmt::format("no route to {}: {}", name, std::generic_category().message(error)));
 }
 
 // What this machine would send from: asked of a socket that sends nothing.
@@ -151,7 +151,7 @@ std::optional<Traffic> traffic(const std::string& interface) {
 }
 
 nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last) {
-  if (!last) return {{"gone", "the interface is not there any more"}};
+  if (!last) return {{"gone", "the interface no longer exists"}};
   auto result = nlohmann::json::object();
   const std::pair<const char*, std::uint64_t Traffic::*> counters[] = {
       {"sent_bytes", &Traffic::sent_bytes},
@@ -160,7 +160,7 @@ nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last)
       {"received_packets", &Traffic::received_packets}};
   for (const auto& [name, counter] : counters) {
     if ((*last).*counter < first.*counter)
-      return {{"gone", "the interface's counters were set back: it is another of that name"}};
+      return {{"gone", "the interface's counters were set back: it is another interface of that name"}};
     result[name] = (*last).*counter - first.*counter;
   }
   return result;

@@ -59,7 +59,7 @@ class LinkWatch::Listener {
         over_(eventfd(0, EFD_CLOEXEC)) {
     if (!socket_ || over_ < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0) {
       close(over_);
-      throw Error(fmt::format("the kernel's news of interface {} cannot be had", interface));
+      throw Error(fmt::format("cannot watch interface {} (netlink)", interface));
     }
     ask(*socket_, interface_);  // it may be down already
     thread_ = std::thread([this] { listen(); });

@@ -95,17 +95,17 @@ void wait_until(Done done, const std::string& why_not) {
 
 void check_end_of_cable(const std::string& name) {
   std::optional<Interface> found;
-  // A namespace that goes gives its interfaces back some time after its name is gone.
+  // A removed namespace returns its interfaces only some time after its name is gone.
   wait_until([&] { return (found = interface(name)).has_value(); },
-             fmt::format("a cable at {} was asked for, but there is no such interface: see ip link", name));
+             fmt::format("cable at {}: no such interface (see ip link)", name));
   if (!std::filesystem::exists("/sys/class/net/" + name + "/device"))
-    throw Error(
-        fmt::format("a cable at {} was asked for, but that is no hardware, and would not come back", name));
+    throw Error(fmt::format("cable at {}: not hardware; the interface would be lost after the run", name));
   if (found->up || !found->address.empty())
-    throw Error(fmt::format(
-        "a cable at {} was asked for, but that interface is up or has an address, and who uses it would lose "
-        "it: take one that is down (sudo ip link set {} down; sudo ip address flush dev {})",
-        name, name, name));
+    throw Error(
+        fmt::format("cable at {}: the interface is up or has an address, so a program may use it. Fix: sudo "
+                    "ip link set {} "
+                    "down; sudo ip address flush dev {}",
+                    name, name, name));
 }
 
 void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) {
@@ -116,7 +116,7 @@ void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) 
 
 void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> components) {
   const bool several = components.size() > 1;
-  if (several)  // that floods groups as a plain switch does: who knows of none must not lose discovery
+  if (several)  // without snooping it floods multicast, as a plain switch does: discovery must not be lost
     ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
         "0"});
   for (const auto& component : components) {
@@ -132,7 +132,7 @@ void wait_until_up(const NamespaceEnd& end) {
     const auto said = ip({"-netns", end.name, "-oneline", "link", "show", end.interface});
     return said.find(" state UP ") != said.npos;
   };
-  wait_until(is_up, fmt::format("the link between the namespaces does not come up: see ip -netns {} link",
+  wait_until(is_up, fmt::format("the link between the namespaces does not come up (see ip -netns {} link)",
                                 end.name));
 }
 
@@ -150,8 +150,8 @@ std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
                                           const std::optional<Cable>& cable, const Wire& wire) {
   if (!may_join_namespaces())
     throw Error(
-        "network namespaces were asked for, which this process may not make: run as root (in a container, "
-        "with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
+        "hosts: namespaces needs root. Fix: run as root (in a container: with the capabilities SYS_ADMIN and "
+        "NET_ADMIN), or run both ends on loopback");
   if (cable)
     for (const auto& name : {cable->controller, cable->component}) check_end_of_cable(name);
   const bool several = components.size() > 1;

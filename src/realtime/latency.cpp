@@ -17,17 +17,17 @@ constexpr const char* device = "/dev/cpu_dma_latency";
 
 std::string remedy_for(int error) {
   if (error == ENOENT || error == ENODEV || error == ENXIO)
-    return "nothing on this kernel; in a container: docker run --device /dev/cpu_dma_latency";
+    return "none on this kernel; in a container: docker run --device /dev/cpu_dma_latency";
   return "run as root, or: sudo chgrp realtime /dev/cpu_dma_latency && sudo chmod g+rw /dev/cpu_dma_latency, "
-         "and be of that group";
+         "and join the group realtime";
 }
 
 }  // namespace
 
 CpuLatencyRequest::CpuLatencyRequest(std::chrono::microseconds latency) {
-  const auto asked = fmt::format("CPU idle states that end within {} µs", latency.count());
+  const auto asked = fmt::format("CPU idle states of at most {} µs exit latency", latency.count());
   if (latency.count() < 0 || latency.count() > std::numeric_limits<std::int32_t>::max()) {
-    refusal_ = Refusal{asked, "no latency that the kernel knows", "0 … 2147483647 µs"};
+    refusal_ = Refusal{asked, "out of range", "0 … 2147483647 µs"};
     return;
   }
   const auto latency_us = static_cast<std::int32_t>(latency.count());

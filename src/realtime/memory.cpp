@@ -24,7 +24,7 @@ std::optional<Refusal> lock_all() {
     return refused(fmt::format("RLIMIT_MEMLOCK is {} bytes, no CAP_IPC_LOCK", limit_of(RLIMIT_MEMLOCK)),
                    how_to_permit());
   if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {};
-  return refused(message_of(errno), "leave this process more memory: its pages must all fit at once");
+  return refused(message_of(errno), "free memory: all pages of this process must fit at once");
 }
 
 // Freed memory stays in the heap and comes from nowhere else. M_ARENA_MAX is left alone: with one arena for
@@ -47,8 +47,7 @@ bool touch_heap(std::size_t bytes) {
 
 }  // namespace
 
-// Under a finite limit, locking what is to come would let some later allocation fail, in whatever library
-// makes it.
+// Under a finite limit, MCL_FUTURE would make a later allocation fail, in any library.
 bool may_lock_all() {
   rlimit limit{};
   if (capable(CAP_IPC_LOCK)) return true;
@@ -62,7 +61,7 @@ std::vector<Refusal> lock_memory(std::size_t heap_bytes) {
   keep_heap();
   if (auto refusal = lock_all()) refusals.push_back(std::move(*refusal));
   if (!touch_heap(heap_bytes))
-    refusals.push_back({fmt::format("{} bytes of heap", heap_bytes), message_of(ENOMEM), "ask for less"});
+    refusals.push_back({fmt::format("{} bytes of heap", heap_bytes), message_of(ENOMEM), "request less"});
   return refusals;
 }
 

@@ -62,12 +62,12 @@ std::string service_of(const std::string& cgroup) {
 }
 
 std::string how_to_permit_service(const std::string& environment, const std::string& cgroup, int priority) {
-  // What was logged in to by a service, as by sshd, is in its group, but without systemd's variable.
+  // A login through a service such as sshd is in that service's group, but lacks systemd's variable.
   if (("\0"s + environment).find("\0INVOCATION_ID="s) == std::string::npos) return "";
   const auto service = service_of(cgroup);
   if (service.empty()) return "";
   return fmt::format(
-      "sudo systemctl edit '{0}', put these lines there, then sudo systemctl restart '{0}':\n"
+      "sudo systemctl edit '{0}', add these lines, then sudo systemctl restart '{0}':\n"
       "[Service]\n"
       "LimitRTPRIO={1}\n"
       "LimitMEMLOCK=infinity",
@@ -80,7 +80,7 @@ std::string how_to_permit(int priority) {
       !by_unit.empty())
     return by_unit;
   return fmt::format(
-      "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these lines into "
+      "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, add these lines to "
       "/etc/security/limits.d/realtime.conf and log in again:\n"
       "@realtime - rtprio {}\n"
       "@realtime - memlock unlimited\n"

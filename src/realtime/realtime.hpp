@@ -28,8 +28,8 @@ struct ThreadSettings {
 struct Refusal {
   std::string asked;  // "SCHED_FIFO 80 for thread send"
   std::string found;  // "Operation not permitted (RLIMIT_RTPRIO is 0)"
-  std::string
-      remedy;  // "these lines into /etc/security/limits.d/realtime.conf …, or run as root, or: sudo setcap …"
+  std::string remedy;  // "add these lines to /etc/security/limits.d/realtime.conf …, or run as root, or: sudo
+                       // setcap …"
 };
 
 // Sets one thread of this process, by its kernel thread id; affinity first, then policy. `who` names it in a

@@ -67,25 +67,24 @@ Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
   }
   if (deadline)
     return {fmt::format("its CPUs are {} of {}", cpus_now(tid), first_line_of(online_cpus)),
-            "SCHED_DEADLINE goes with no affinity to some CPUs only: leave the thread's CPUs (and taskset's) "
-            "alone, or set up an exclusive cpuset (sched(7))"};
-  return {
-      "CAP_SYS_NICE is there, something else forbids it",
-      "a container or a service may filter system calls: docker run --cap-add=sys_nice --ulimit rtprio=99, "
-      "systemd's RestrictRealtime=no"};
+            "SCHED_DEADLINE needs all CPUs: do not set the thread's CPUs (also not with taskset), or use an "
+            "exclusive cpuset (sched(7))"};
+  return {"although the process has CAP_SYS_NICE",
+          "a container or service may filter system calls: docker run --cap-add=sys_nice --ulimit rtprio=99, "
+          "systemd: RestrictRealtime=no"};
 }
 
 Explanation explain(int error, pid_t tid, const ThreadSettings& settings) {
   if (error == EPERM) return explain_no_permission(tid, settings);
   if (error == EINVAL)
-    return {"these values do not go together",
-            "a priority of 1 … 99 for fifo and rr, of 0 for the others; for deadline 1024 ns ≤ runtime ≤ "
-            "deadline ≤ period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
+    return {"invalid combination of values",
+            "priority 1 … 99 for fifo and rr, 0 for the others; for deadline 1024 ns ≤ runtime ≤ deadline ≤ "
+            "period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
   if (error == EBUSY)
     return {fmt::format("all deadline threads together may use {} of every {} µs on each CPU",
                         first_line_of("/proc/sys/kernel/sched_rt_runtime_us"),
                         first_line_of("/proc/sys/kernel/sched_rt_period_us")),
-            "a smaller runtime or a longer period, or fewer deadline threads"};
+            "set a smaller runtime or a longer period, or use fewer deadline threads"};
   return {"", "see sched_setattr(2)"};
 }
 
@@ -98,12 +97,11 @@ std::optional<Refusal> set_affinity(pid_t tid, const std::string& who, const std
   const int error = sched_setaffinity(tid, sizeof wanted, &wanted) == 0 ? 0 : errno;
   const auto got = cpus_now(tid);
   if (error == 0 && got == list_of(cpus)) return {};
-  // The kernel drops CPUs that it does not have and takes the rest; half of what was asked is not what was
-  // asked.
+  // The kernel ignores CPUs that do not exist and sets the rest: part of a request is not the request.
   if (error == 0 && known) sched_setaffinity(tid, sizeof before, &before);
   return Refusal{fmt::format("CPUs {} for thread {}", list_of(cpus), who),
-                 error == 0 ? fmt::format("only CPUs {} could be had", got) : message_of(error),
-                 fmt::format("name CPUs among {} ({}) that its cpuset control group allows, too",
+                 error == 0 ? fmt::format("only CPUs {} granted", got) : message_of(error),
+                 fmt::format("set CPUs among {} ({}) that its cpuset control group also allows",
                              first_line_of(online_cpus), online_cpus)};
 }
 
@@ -125,7 +123,7 @@ std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettin
   const auto now = ours ? attributes_of(tid) : std::nullopt;
   if (!now)
     return {{fmt::format("settings for thread {}", who), fmt::format("this process has no thread {}", tid),
-             "ask while the thread runs"}};
+             "request them while the thread runs"}};
   std::vector<Refusal> refusals;
   if (!settings.cpus.empty()) {
     // The kernel lets no deadline thread be tied to some CPUs.

@@ -40,7 +40,7 @@ void check(const transport::Plugin& plugin, Where where) {
   const auto refuse = [&](const std::string& why) {
     throw transport::WrongInput(std::string("transport ") + plugin.name + " has no " + why);
   };
-  if (!can.neighbours) refuse("neighbours: it opens no topics beside the critical one");
+  if (!can.neighbours) refuse("background topics: it opens only the critical topic");
   if (!can.nodes && transport::is_of_nodes(where))
     refuse(std::string("nodes, callback groups or executors (neighbours.where: ") + word_of(where) +
            "); it has same-participant, same-process and other-process");

@@ -38,7 +38,7 @@ void must(bool done, const char* what) {
   if (done) return;
   std::array<char, 256> why{};
   ERR_error_string_n(ERR_get_error(), why.data(), why.size());
-  throw transport::Error(fmt::format("DDS Security: OpenSSL makes no {}: {}", what, why.data()));
+  throw transport::Error(fmt::format("DDS Security: OpenSSL failed ({}): {}", what, why.data()));
 }
 
 std::string text_of(const Bytes& bytes) {

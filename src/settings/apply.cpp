@@ -18,7 +18,7 @@ struct Wish {
   std::string asked;
 };
 
-// In the order of the table, checked as far as that goes without a machine.
+// In the order of the table, after all checks that need no machine.
 std::vector<Wish> in_order(const Wishes& wishes) {
   std::vector<Wish> all;
   for (const auto& setting : table())
@@ -32,31 +32,31 @@ std::vector<Wish> in_order(const Wishes& wishes) {
     }
   for (const auto& wished : wishes)
     if (std::ranges::none_of(all, [&](const Wish& wish) { return wished.first == wish.setting->name; }))
-      throw Error(fmt::format("there is no setting '{}'", wished.first));
+      throw Error(fmt::format("unknown setting '{}'", wished.first));
   return all;
 }
 
 void where_the_interface_is(const Link& link, const std::function<void()>& action) {
   if (!journal::is_interface_name(link.interface))
     throw journal::Error(
-        fmt::format("'{}' is no name of an interface of letters, digits and '_-.@': ip link set ... name "
-                    "NAME gives it one",
+        fmt::format("interface name '{}': only letters, digits and _-.@ are supported. Fix: ip link set ... "
+                    "name NAME",
                     link.interface));
   journal::within_namespace(link.network_namespace, [&] {
     if (if_nametoindex(link.interface.c_str()) == 0)
-      throw journal::Error(fmt::format("there is no interface {}", link.interface));
+      throw journal::Error(fmt::format("no interface {} on this machine (see ip link)", link.interface));
     action();
   });
 }
 
-// Where the things of a setting are to be seen.
+// Runs the action in the network namespace in which the things of a setting are visible.
 void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
   if (!setting.of_interface) return journal::within_namespace("", action);
-  if (link.interface.empty()) throw journal::Error("it is of an interface, and none is named");
+  if (link.interface.empty()) throw journal::Error("needs --interface");
   where_the_interface_is(link, action);
 }
 
-// The same, with its name before what went wrong.
+// As where_it_is(), with the setting's name in front of an error.
 void by_name(const Setting& setting, const Link& link, const std::function<void()>& action) {
   try {
     where_it_is(setting, link, action);
@@ -70,7 +70,7 @@ std::vector<Change> changes_of(const Wish& wish, const Link& link) {
   by_name(*wish.setting, link, [&] {
     for (auto& thing : wish.setting->things(link.interface)) {
       const auto before = thing.kind->read(thing.what);
-      if (!before) continue;  // a thread that has ended meanwhile
+      if (!before) continue;  // a thread that has ended
       auto after = wish.setting->wanted(wish.asked, thing, *before);
       changes.push_back({wish.setting, std::move(thing), *before, std::move(after)});
     }
@@ -78,7 +78,7 @@ std::vector<Change> changes_of(const Wish& wish, const Link& link) {
   return changes;
 }
 
-// Whether another wish, itself to be had, brings the things of this one.
+// Whether another wish, such as threaded-napi=on, will create the things of this one.
 bool will_come(const Wish& wish, const Wishes& wishes) {
   const auto other = wishes.find(wish.setting->comes_with);
   return other != wishes.end() && other->second == "on";
@@ -105,8 +105,8 @@ Wishes away_to(const std::string& cpus, const Link& link) {
   by_name(*setting, link, [&] {
     if (hides_interrupts(link.interface))
       throw journal::Error(fmt::format(
-          "not all interrupts by which {} takes packets in are found: leave this out, or name the "
-          "interface below it, if there is one",
+          "not all receive interrupts of {} were found. Fix: leave this setting out, or name the interface "
+          "below it, if any",
           link.interface));
     if (!interrupts_of(link.interface).empty()) wishes["irq-cpus"] = cpus;
   });
@@ -129,8 +129,7 @@ std::vector<Change> plan(const Wishes& wishes, const Link& link) {
 
 std::vector<Change> apply(journal::Journal& journal, const Wishes& wishes, const Link& link) {
   if (!wishes.empty() && geteuid() != 0)
-    throw Error(
-        fmt::format("{}: root alone can set it: run as root", in_order(wishes).front().setting->name));
+    throw Error(fmt::format("{} needs root. Fix: run as root", in_order(wishes).front().setting->name));
   plan(wishes, link);
   std::vector<Change> all;
   try {
@@ -182,7 +181,7 @@ std::vector<State> show(const Link& link) {
   if (!link.interface.empty()) where_the_interface_is(link, [] {});
   std::vector<State> states;
   for (const auto& setting : table()) {
-    State state{&setting, {}, geteuid() == 0 ? "" : "root alone can set it"};
+    State state{&setting, {}, geteuid() == 0 ? "" : "needs root"};
     try {
       where_it_is(setting, link, [&] {
         for (auto& thing : setting.things(link.interface))
@@ -205,12 +204,11 @@ std::string warning(const Wishes& wishes, int application_priority) {
       above += fmt::format("{}{} {}", above.empty() ? "" : ", ", name, wish->second);
   if (above.empty()) return "";
   return fmt::format(
-      "{}: above the application's {}, so all arriving packets, of any program, are processed before it "
-      "runs. On "
-      "Linux 6.1-rt, with 7,100 small packets/s beside, the paper's priorities made 118 and 283 messages of "
-      "2,000 "
-      "late, where it was 17 and 21 without: measure it with and without",
-      above, application_priority == 0 ? "(SCHED_OTHER)" : std::to_string(application_priority));
+      "{}: above the application's {}, so received packets of all programs are processed before it runs. "
+      "Measured on Linux 6.1-rt with 7,100 other small packets/s: 118 and 283 of 2,000 messages late, "
+      "without "
+      "these priorities 17 and 21. Fix: measure with and without",
+      above, application_priority == 0 ? "SCHED_OTHER" : std::to_string(application_priority));
 }
 
 }  // namespace ontime::settings

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a robot needs to have settings at every boot.
+// Units and scripts that apply settings at every boot.
 #include <algorithm>
 #include <filesystem>
 
@@ -13,10 +13,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// That neither a shell, nor systemd, nor a regular expression takes for something else.
+// Characters without a special meaning in a shell, in systemd and in a regular expression.
 constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-/@:";
 
-// What root has started at every boot must be root's to write alone, and so must all folders above.
+// A program that root starts at every boot, and all folders above it, must be writable by root only.
 void require_roots(const std::string& program) {
   for (fs::path path = program;; path = path.parent_path()) {
     struct stat found {};
@@ -24,10 +24,10 @@ void require_roots(const std::string& program) {
                        (found.st_mode & S_IWOTH) == 0 &&
                        (found.st_gid == 0 || (found.st_mode & S_IWGRP) == 0);
     if (!roots)
-      throw Error(
-          fmt::format("root would start {} at every boot, but others than root can write {}: install it "
-                      "(sudo cmake --install build/release), and use the one that is installed",
-                      program, path.string()));
+      throw Error(fmt::format(
+          "root would start {} at every boot, but users other than root can write {}. Fix: install "
+          "ontime (sudo cmake --install build/release) and use the installed program",
+          program, path.string()));
     if (!path.has_relative_path()) return;
   }
 }
@@ -35,8 +35,8 @@ void require_roots(const std::string& program) {
 std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
   for (const auto& word : {link.interface, link.network_namespace, program})
     if (const auto at = word.find_first_not_of(fmt::format("{}.", plain)); at != word.npos)
-      throw Error(
-          fmt::format("'{}' cannot be in a unit: '{}' is no letter, digit or one of _-/@:.", word, word[at]));
+      throw Error(fmt::format("'{}' cannot be in a unit: '{}' is not a letter, digit or one of _-/@:.", word,
+                              word[at]));
   require_roots(program);
   return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
 [Unit]
@@ -56,22 +56,21 @@ WantedBy=multi-user.target
 }
 
 [[noreturn]] void not_in(const char* form, const Change& change, const std::string& why) {
-  throw Error(fmt::format("{}: {} {}: take --print systemd", change.setting->name, form, why));
+  throw Error(fmt::format("{}: {} {}. Fix: --print systemd", change.setting->name, form, why));
 }
 
 std::string tmpfiles(const std::vector<Change>& changes) {
   std::string text = "# /etc/tmpfiles.d/ontime.conf\n";
   for (const auto& change : changes) {
     const auto file = change.thing.kind == nullptr ? std::nullopt : file_of(change.thing, change.after);
-    if (!file) not_in("tmpfiles", change, "writes files only, and this is none");
+    if (!file) not_in("tmpfiles", change, "can only write files, and this setting is not a file");
     text += fmt::format("w {} - - - - {}\n", file->path, file->text);
   }
   return text;
 }
 
-// Of the names of threads, as pgrep takes it. Numbers in them are not the same at every boot, but those of
-// CPUs. What is no plain letter becomes '.': an interface's name can hold anything, and root's shell reads
-// it.
+// The pattern for pgrep. Numbers in thread names differ from boot to boot, except CPU numbers. Any other
+// character becomes '.': an interface's name can contain anything, and root's shell reads it.
 std::string pattern_of(const std::string& name) {
   std::string pattern;
   for (const char c : name)
@@ -115,7 +114,7 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
   for (const auto& change : changes) {
     if (change.thing.kind == nullptr)
       not_in("a script", change,
-             fmt::format("cannot tell of it before {} is set", change.setting->comes_with));
+             fmt::format("cannot find its threads before {} is set", change.setting->comes_with));
     std::string line;
     if (const auto file = file_of(change.thing, change.after))
       line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
@@ -149,7 +148,7 @@ std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Cha
                           const Link& link, const std::string& program) {
   if (form == Form::systemd) return systemd(wishes, link, program);
   if (!link.network_namespace.empty())
-    throw Error(fmt::format("{} is in a network namespace, which is not there at boot", link.interface));
+    throw Error(fmt::format("{} is in a network namespace, which does not exist at boot", link.interface));
   return form == Form::tmpfiles ? tmpfiles(changes) : shell(changes);
 }
 

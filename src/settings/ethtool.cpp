@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What drivers are told by ethtool's system call.
+// Driver settings by ethtool's system call.
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
@@ -93,7 +93,7 @@ void set(ethtool_coalesce& state, const std::string& text) {
     const bool good = field->is_switch ? said == "on" || said == "off" : error == std::errc{} && last == end;
     if (!good)
       throw std::invalid_argument(
-          fmt::format("'{}': {} is needed", part, field->is_switch ? "on or off" : "a whole number"));
+          fmt::format("'{}' is not {}", part, field->is_switch ? "on or off" : "a whole number"));
     state.*field->value = number;
   }
 }

@@ -55,13 +55,14 @@ bool is_interrupt(const std::string& what) { return is_numbered(what.substr(0, w
 std::string interrupt_path(const std::string& what) {
   return fmt::format("/proc/irq/{}/smp_affinity_list", what.substr(0, what.find(':')));
 }
-// A number is given to another device's line when the first is gone.
+// The kernel gives the number of a removed interrupt to another device.
 bool is_same_interrupt(const std::string& what) { return what == interrupt_here(std::stoi(what)); }
 Value read_interrupt(const std::string& what) {
   return is_same_interrupt(what) ? read_file(interrupt_path(what)) : Value();
 }
 void write_interrupt(const std::string& what, const Value& value, const Value&) {
-  if (!is_same_interrupt(what)) throw journal::Error(fmt::format("interrupt {} is another's by now", what));
+  if (!is_same_interrupt(what))
+    throw journal::Error(fmt::format("interrupt {} belongs to another device now", what));
   write_file(interrupt_path(what), value.value_or(""));
 }
 
@@ -71,13 +72,13 @@ std::string threaded_path(const std::string& interface) {
   return fmt::format("{}/{}/threaded", interfaces_folder, interface);
 }
 
-// That there is no NAPI which could have threads the kernel says only when it is set.
+// Only the write shows whether the interface has a NAPI that could have threads.
 void write_threaded(const std::string& interface, const Value& value) {
   try {
     write_file(threaded_path(interface), value.value_or(""));
   } catch (const journal::Error& error) {
     throw journal::Error(
-        fmt::format("{} (has {} NAPI? a veth interface has, with gro on)", error.what(), interface));
+        fmt::format("{} ({} may have no NAPI; a veth interface needs gro on)", error.what(), interface));
   }
 }
 
@@ -148,13 +149,14 @@ std::optional<std::string> name_now(const std::string& interface_or_queue) {
   const auto index = static_cast<unsigned>(std::stoul(interface_or_queue));
   std::array<char, IF_NAMESIZE> name{};
   if (if_indextoname(index, name.data()) != nullptr) return name.data() + interface_or_queue.substr(slash);
-  // It keeps its name there, or was given another, but then mostly its index.
+  // In another namespace it keeps its name, or else usually its index.
   const auto before = name_of_interface(interface_or_queue.substr(0, slash));
   if (geteuid() == 0 && in_another_namespace([&] { return if_nametoindex(before.c_str()) != 0; }))
-    throw journal::Error(fmt::format(
-        "interface {} (index {}) was moved to another network namespace, or removed: what was set "
-        "may still be so there",
-        before, index));
+    throw journal::Error(
+        fmt::format("interface {} (index {}) was moved to another network namespace, or removed; its changed "
+                    "settings may "
+                    "still be in effect there",
+                    before, index));
   return {};
 }
 std::string name_of_interface(const std::string& interface_or_queue) {

@@ -24,7 +24,7 @@ bool is_hardware(const fs::path& folder) {
   return fs::exists(folder / "device", none);
 }
 
-// Of a bond, a VLAN or a bridge those that take its packets in.
+// The interfaces that receive the packets of a bond, a VLAN or a bridge.
 std::vector<std::string> interfaces_below(const fs::path& folder) {
   constexpr std::string_view lower = "lower_";
   std::vector<std::string> found;
@@ -33,7 +33,7 @@ std::vector<std::string> interfaces_below(const fs::path& folder) {
   return found;
 }
 
-// Of the device, or (of a card on a bus, such as virtio or USB) of the one that it hangs on.
+// Interrupts of the device, or (for a card on a bus such as virtio or USB) of its parent.
 void add_of_device(const fs::path& folder, const std::string& root, std::set<int>& numbers) {
   std::error_code none;
   const auto all_devices = fs::canonical(root + "/sys/devices", none);
@@ -51,8 +51,8 @@ bool is_of(const std::string& interrupt, const std::string& owner) {
   return !owner.empty() && (interrupt == owner || interrupt.starts_with(owner + '-'));
 }
 
-// Of a board's own card there is only the name that its driver gave them: "eth0", "eth0-rx-0", or the
-// device's: "30be0000.ethernet".
+// A board's built-in card is found only by the name that the driver gave the interrupts: "eth0",
+// "eth0-rx-0", or the device's "30be0000.ethernet".
 void add_by_name(const fs::path& folder, const std::string& root, std::set<int>& numbers) {
   std::error_code none;
   const auto interface = folder.filename().string();

@@ -22,9 +22,9 @@ extern const journal::Kind thread_priority;
 // they can be written: not in every network namespace.
 extern const journal::Kind network_sysctl, kernel_sysctl;
 extern const journal::Kind governor;  // "cpu0"
-// "unbound": the kernel's work that is bound to no CPU, by the CPUs that it is done on.
+// "unbound": the CPUs for kernel work that is bound to no CPU.
 extern const journal::Kind workqueues;
-// "41:PCI-MSI 524288": its number, and whose line it is; its value: CPUs
+// "41:PCI-MSI 524288": its number, chip and hardware interrupt; its value: CPUs
 extern const journal::Kind interrupt;
 extern const journal::Kind threaded;  // an interface; "0" or "1"
 extern const journal::Kind steering;  // "3:eth0/rx-0": to which CPUs its packets are handed; "none"
@@ -37,10 +37,10 @@ extern const journal::Kind gro;  // an interface; "on" or "off"
 std::string interface_here(const std::string& name);
 bool is_interface(const std::string& what);
 std::string name_of_interface(const std::string& interface_or_queue);  // "eth0", "eth0/rx-0"
-// By the name that it has now; nothing: there is none of that index. Throws where it seems to have been moved
-// to another network namespace: what was set goes with it.
+// Its current name; nullopt: no interface has that index. Throws if it seems to have been moved to another
+// network namespace: its settings go with it.
 std::optional<std::string> name_now(const std::string& interface_or_queue);
-// Whether it is so in a network namespace, other than this thread's, that a process or `ip netns` has.
+// Whether `is_so` holds in a network namespace of a process or of `ip netns`, other than this thread's.
 bool in_another_namespace(const std::function<bool()>& is_so);
 
 // Read and written by the name that it has now.
@@ -53,12 +53,12 @@ constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(cons
           },
           [](const std::string& what, const journal::Value& value, const journal::Value&) {
             const auto its_name = name_now(what);
-            if (!its_name) throw journal::Error(what + " is not there any more");
+            if (!its_name) throw journal::Error(what + " no longer exists");
             write(*its_name, value);
           }};
 }
 
-// Of a thing that is a file: which, and what is to be written into it for a value; nothing for others.
+// For a thing that is a file: its path, and the text to write for a value; nullopt for others.
 struct File {
   std::string path, text;
 };
@@ -66,11 +66,11 @@ std::optional<File> file_of(const Thing&, const std::string& value);
 
 std::vector<Thing> threads_named(const std::string& prefix);
 std::string name_of_thread(const std::string& what);
-// Those that take in the packets of an interface of this network namespace.
+// The threads that receive the packets of an interface of this network namespace.
 std::vector<Thing> napi_threads_of(const std::string& interface);
-// The same for kernels that tell nothing but names: throws where two interfaces have the same.
+// For kernels that report only thread names: throws if two interfaces have the same name.
 std::vector<Thing> napi_threads_by_name(const std::string& interface);
-// A thread's value, with one part of it exchanged.
+// A thread's value with one part replaced.
 std::string with_priority(const std::string& value, const std::string& asked);
 std::string with_cpus(const std::string& value, const std::string& cpus);
 

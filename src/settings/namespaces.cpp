@@ -18,7 +18,8 @@ namespace ontime::settings {
 
 bool in_another_namespace(const std::function<bool()>& is_so) {
   struct stat own {};
-  if (stat("/proc/thread-self/ns/net", &own) != 0) throw trouble("its own network namespace", errno);
+  if (stat("/proc/thread-self/ns/net", &own) != 0)
+    throw trouble("the process's own network namespace", errno);
   std::set<std::pair<dev_t, ino_t>> seen{{own.st_dev, own.st_ino}};
   bool found = false;
   const auto look = [&](const std::string& file) {
@@ -31,7 +32,7 @@ bool in_another_namespace(const std::function<bool()>& is_so) {
   };
   const auto look_at_all = [&] {  // which goes from one to the next
     if (unshare(CLONE_NEWNS) != 0 || mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0)
-      throw trouble("a look at other network namespaces", errno);
+      throw trouble("cannot search other network namespaces", errno);
     for (const auto& process : names_in("/proc")) look("/proc/" + process + "/ns/net");
     for (const auto& named : names_in("/run/netns")) look("/run/netns/" + named);
   };

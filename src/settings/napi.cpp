@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which threads take an interface's packets in. Linux says it from 6.8 on, by netlink's family "netdev"
-// (Documentation/netlink/specs/netdev.yaml, of which Debian 12 has no header); before, there are their names.
+// Which threads receive an interface's packets. Linux 6.8 and later report it by netlink's family "netdev"
+// (Documentation/netlink/specs/netdev.yaml; Debian 12 has no header for it). Before, only their names tell.
 #include <array>
 #include <cerrno>
 #include <functional>
@@ -120,8 +120,8 @@ std::vector<Thing> napi_threads_by_name(const std::string& interface) {
   std::erase_if(found, [&](const Thing& one) { return !is_napi_thread(one.title(), interface); });
   if (!found.empty() && in_another_namespace([&] { return may_have_threads(interface); }))
     throw journal::Error(fmt::format(
-        "another network namespace has an interface {0} with threads too, and before Linux 6.8 nothing "
-        "tells them apart: give it a name of its own: ip link set {0} name NAME",
+        "another network namespace has an interface {0} with threads too; before Linux 6.8 ontime cannot "
+        "distinguish them. Fix: ip link set {0} name NAME",
         interface));
   return found;
 }

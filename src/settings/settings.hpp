@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// What can be set on a machine, beside what belongs to a process: the kernel's threads and its network path.
-// One table; each setting stands for the things of this machine that it is about (threads, files of /proc and
-// /sys), which the journal changes and gives back. Ordinary thread only; root changes, any user may look.
+// Kernel settings of a machine: the kernel's threads and its network path. One table; each setting stands for
+// things of this machine (threads, files of /proc and /sys), which the journal changes and restores. Ordinary
+// thread only; changes need root, any user can read.
 #pragma once
 
 #include <map>
@@ -15,7 +15,7 @@
 
 namespace ontime::settings {
 
-// "irq-threads: this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel"
+// "irq-threads: this kernel has no IRQ threads. Fix: boot with threadirqs, or a PREEMPT_RT kernel"
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };

@@ -26,14 +26,14 @@ void check_number(Text text, std::int64_t least, std::int64_t most) {
 
 void check_switch(Text asked) {
   if (asked != "on" && asked != "off")
-    throw std::invalid_argument(fmt::format("'{}' is neither on nor off", asked));
+    throw std::invalid_argument(fmt::format("'{}' is not on or off", asked));
 }
 void check_priority(Text asked) {
   if (asked != "other") check_number(asked, 1, 99);
 }
 void check_cpus(Text asked) {
   if (!realtime::cpus_of(asked))
-    throw std::invalid_argument(fmt::format("'{}' is no list of CPUs such as 1 or 0-1,3", asked));
+    throw std::invalid_argument(fmt::format("'{}' is not a list of CPUs, such as 1 or 0-1,3", asked));
 }
 void check_cpus_or_none(Text asked) {
   if (asked != "none") check_cpus(asked);
@@ -41,16 +41,16 @@ void check_cpus_or_none(Text asked) {
 void check_bytes(Text asked) { check_number(asked, 1, 2147483647); }
 void check_us(Text asked) { check_number(asked, 0, 1'000'000); }
 void check_coalescing(Text asked) {
-  if (asked.empty()) throw std::invalid_argument("nothing is said of it");
+  if (asked.empty()) throw std::invalid_argument("the value is empty; state NAME=N,..., such as rx-usecs=0");
   with_coalescing("", asked);
 }
 void check_governor(Text asked) {
   const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || c == '_'; };
   if (asked.empty() || !std::all_of(asked.begin(), asked.end(), plain))
-    throw std::invalid_argument(fmt::format("'{}' is no governor such as performance", asked));
+    throw std::invalid_argument(fmt::format("'{}' is not a governor, such as performance", asked));
 }
 
-// "60", or "0=60,1=other": of each CPU what was said of it.
+// The part for this CPU of "60" or "0=60,1=other"; "": none.
 std::string priority_of_cpu(Text asked, int cpu) {
   if (asked.find('=') == asked.npos) return asked;
   std::istringstream parts(asked);
@@ -75,10 +75,11 @@ void check_online(Text cpus) {
   const auto there = online_cpus();
   for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
     if (std::ranges::find(there, cpu) == there.end())
-      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there)));
+      throw journal::Error(
+          fmt::format("no CPU {} on this machine; online: {}", cpu, realtime::list_of(there)));
 }
 
-// ── What a thing is to be
+// ── The new value of a thing
 
 std::string as_asked(Text asked, const Thing&, Text) { return asked; }
 std::string one_or_zero(Text asked, const Thing&, Text) { return asked == "on" ? "1" : "0"; }
@@ -105,11 +106,11 @@ std::string a_governor_there_is(Text asked, const Thing& thing, Text) {
       read_file(fmt::format("/sys/devices/system/cpu/{}/cpufreq/scaling_available_governors", thing.what))
           .value_or("");
   if ((" " + there + " ").find(" " + asked + " ") == there.npos)
-    throw journal::Error(fmt::format("{} has no governor '{}'; it has: {}", thing.what, asked, there));
+    throw journal::Error(fmt::format("{} has no governor '{}'; available: {}", thing.what, asked, there));
   return asked;
 }
 
-// ── What a setting stands for
+// ── The things that a setting changes
 
 template <const journal::Kind& kind>
 Things file_of_kernel(const char* name, const char* option) {
@@ -118,11 +119,11 @@ Things file_of_kernel(const char* name, const char* option) {
   return {{&kind, name}};
 }
 Things throttled(Text) {
-  return file_of_kernel<kernel_sysctl>("kernel/sched_rt_runtime_us", "it throttles no real-time tasks");
+  return file_of_kernel<kernel_sysctl>("kernel/sched_rt_runtime_us", "no real-time throttling");
 }
 Things timers(Text) { return file_of_kernel<kernel_sysctl>("kernel/timer_migration", "CONFIG_NO_HZ_COMMON"); }
 
-constexpr const char* not_here = "or not in this network namespace";
+constexpr const char* not_here = "or only in another network namespace";
 Things busy_poll(Text) { return file_of_kernel<network_sysctl>("net/core/busy_poll", not_here); }
 Things busy_read(Text) { return file_of_kernel<network_sysctl>("net/core/busy_read", not_here); }
 Things rmem_max(Text) { return file_of_kernel<network_sysctl>("net/core/rmem_max", not_here); }
@@ -134,13 +135,13 @@ Things governors(Text) {
   auto found = cpus_with_governor();
   if (found.empty())
     throw journal::Error(
-        "this machine has no CPU frequency that Linux governs (a virtual machine, or its firmware does)");
+        "Linux does not control this machine's CPU frequency (virtual machine, or firmware control)");
   return found;
 }
 
 Things unbound_work(Text) {
   if (!workqueues.read("unbound"))
-    throw journal::Error("this kernel does not say where its unbound work is done (Linux 4.2 does)");
+    throw journal::Error("this kernel cannot set the CPUs of its unbound work (needs Linux 4.2)");
   return {{&workqueues, "unbound"}};
 }
 
@@ -163,29 +164,29 @@ Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
 void refuse_bridge(Text interface) {
   if (read_file(fmt::format("/sys/class/net/{}/bridge/bridge_id", interface)))
     throw journal::Error(fmt::format(
-        "{0} is a bridge, which takes in no packets itself: name one of its ports (bridge link)", interface));
+        "{0} is a bridge, which receives no packets itself. Fix: name one of its ports (bridge link)",
+        interface));
 }
 
 Things offloaded(Text interface) {
   refuse_bridge(interface);
-  return of_driver(gro, interface, "has no generic receive offload");
+  return of_driver(gro, interface, "has no generic receive offload (GRO)");
 }
 Things coalesced(Text interface) {
-  return of_driver(coalescing, interface, "has no interrupts that could be coalesced");
+  return of_driver(coalescing, interface, "has no interrupts to be coalesced");
 }
 
 Things steered(Text interface) {
   auto found = receive_queues_of(interface);
   if (found.empty())
-    throw journal::Error(
-        fmt::format("{} has no receive queues that could be steered (CONFIG_RPS)", interface));
+    throw journal::Error(fmt::format("{} has no receive queues to steer (CONFIG_RPS)", interface));
   return found;
 }
 
 Things interrupts(Text interface) {
   Things found;
   for (const int number : interrupts_of(interface)) found.push_back({&interrupt, interrupt_here(number)});
-  if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: it is no hardware", interface));
+  if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: not hardware", interface));
   return found;
 }
 
@@ -200,16 +201,15 @@ Things interrupt_threads(Text interface) {
     for (auto& one : threads_named(fmt::format("irq/{}-", number))) found.push_back(std::move(one));
   if (!found.empty()) return found;
   if (!threads_all_interrupts())
-    throw journal::Error("this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel");
+    throw journal::Error("this kernel has no IRQ threads. Fix: boot with threadirqs, or a PREEMPT_RT kernel");
   interrupts(interface);
-  throw journal::Error(
-      fmt::format("the interrupts of {} have no threads: its driver does without", interface));
+  throw journal::Error(fmt::format("the interrupts of {} have no threads: its driver uses none", interface));
 }
 
 Things threadable(Text interface) {
   refuse_bridge(interface);
   const auto what = interface_here(interface);
-  if (!threaded.read(what)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
+  if (!threaded.read(what)) throw journal::Error("this kernel has no threaded NAPI (needs Linux 5.12)");
   return {{&threaded, what}};
 }
 
@@ -217,7 +217,7 @@ Things napi_threads(Text interface) {
   refuse_bridge(interface);
   auto found = napi_threads_of(interface);
   if (found.empty() || threaded.read(interface_here(interface)) == "0")
-    throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));
+    throw journal::Error(fmt::format("{} has no NAPI threads. Fix: threaded-napi=on", interface));
   return found;
 }
 
@@ -259,8 +259,8 @@ const Setting all[] = {
     {"ksoftirqd", "1-99|other|CPU=...",
      "SCHED_FIFO priority of ksoftirqd on all CPUs, or for each CPU, such as 0=60,1=50", false, "",
      check_priorities, softirqs, with_priority_of_its_cpu},
-    {"threaded-napi", on_off, "receive the interface's packets in own threads (threaded NAPI)", true, "",
-     check_switch, threadable, one_or_zero},
+    {"threaded-napi", on_off, "receive the interface's packets in threads of their own (threaded NAPI)", true,
+     "", check_switch, threadable, one_or_zero},
     {"napi-threads", priority, "SCHED_FIFO priority of the threads of threaded NAPI", true, "threaded-napi",
      check_priority, napi_threads, with_this_priority},
     {"napi-cpus", cpus, "CPUs of the threads of threaded NAPI", true, "threaded-napi", check_cpus,

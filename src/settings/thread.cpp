@@ -50,7 +50,7 @@ Scheduling parse(const std::string& text) {
   const auto* const known = std::ranges::find(policies, policy, &Policy::name);
   const auto value = number_of(number);
   if (known == std::end(policies) || !value || (says_cpus && !realtime::cpus_of(cpus)))
-    throw journal::Error(fmt::format("'{}' is no state of a thread that could be given back", text));
+    throw journal::Error(fmt::format("'{}' is not a thread state that can be restored", text));
   return {known, *value, says_cpus ? std::optional(cpus) : std::nullopt};
 }
 
@@ -73,14 +73,14 @@ std::optional<std::string> identity_of(const std::string& pid) {
   return fmt::format("{}:{}:{}", pid, words[start], stat->substr(open + 1, close - open - 1));
 }
 
-// In a container there may be other ids, and no such threads: what is not seen is not what is not there.
+// A container may have other thread ids and show no kernel threads: an invisible thread may still exist.
 void check_kernel_is_seen() {
   const auto second = identity_of("2");
   if (!second || name_of_thread(*second) != "kthreadd")
-    throw journal::Error("the kernel's threads are not to be seen from here (a container?)");
+    throw journal::Error("the kernel's threads are not visible here (in a container?)");
 }
 
-// Also of those whose priority alone is set: older journals have them by this kind.
+// Also threads whose priority alone is set: older journals hold them as this kind.
 bool accepts(const std::string& what) {
   const auto first = what.find(':'), second = what.find(':', first + 1);
   if (second == what.npos) return false;
@@ -134,7 +134,7 @@ void write(const std::string& what, const journal::Value& value, const journal::
   const auto pid = pid_of(what);
   const auto wanted = parse(value.value_or("")), before = parse(present.value_or(""));
   if (!is_there(what)) throw trouble("thread " + what, ESRCH);
-  // Those that are bound to their CPU for ever refuse even to be told the same.
+  // Threads bound to their CPU refuse even their current CPUs.
   if (wanted.cpus != before.cpus) {
     cpu_set_t set;
     CPU_ZERO(&set);

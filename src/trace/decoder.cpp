@@ -25,8 +25,8 @@ constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTO
 constexpr const char *switches = "events/sched/sched_switch/trigger", *stack = "stacktrace",
                      *of_those_that_wait = "stacktrace if prev_state == 2";
 
-// A tracepoint, what cannot be told without it ("": another stands in for it), and what its fields are to us.
-// `common_pid` is who ran.
+// A tracepoint, what is unknown without it ("": another one replaces it), and the fields that are read.
+// `common_pid` is the thread that ran.
 struct Wanted {
   Kind kind;
   const char *system, *name, *tells = none, *what = none, *filter = none, *packet = none, *bytes = none;
@@ -34,32 +34,32 @@ struct Wanted {
   const char *other = none, *other_name = none, *other_priority = none;
 };
 constexpr Wanted wanted[] = {
-    {Kind::switched, "sched", "sched_switch", "who had the CPU", "prev_state", none, none, none, "prev_pid",
-     "prev_comm", "prev_prio", "next_pid", "next_comm", "next_prio"},
+    {Kind::switched, "sched", "sched_switch", "which thread had the CPU", "prev_state", none, none, none,
+     "prev_pid", "prev_comm", "prev_prio", "next_pid", "next_comm", "next_prio"},
     {Kind::waking, "sched", "sched_waking", "when a thread was woken", "target_cpu", none, none, none, "pid",
      "comm", "prio", running},
-    {Kind::interrupt, "irq", "irq_handler_entry", "which interrupts took the CPU", "name"},
+    {Kind::interrupt, "irq", "irq_handler_entry", "interrupts that took the CPU", "name"},
     {Kind::interrupt_end, "irq", "irq_handler_exit"},
-    {Kind::soft_interrupt, "irq", "softirq_entry", "which softirqs took the CPU", "vec"},
+    {Kind::soft_interrupt, "irq", "softirq_entry", "softirqs that took the CPU", "vec"},
     {Kind::soft_interrupt_end, "irq", "softirq_exit", none, "vec"},
     {Kind::timer, "irq_vectors", "local_timer_entry"},
     {Kind::timer_end, "irq_vectors", "local_timer_exit"},
     {Kind::queued, "net", "net_dev_queue", "when a packet was queued", "name", none, "skbaddr", "len"},
     {Kind::sent, "net", "net_dev_start_xmit", "when a packet left the queue", "name", none, "skbaddr", "len"},
     {Kind::received, "net", "netif_receive_skb", "when a packet arrived", "name", none, "skbaddr", "len"},
-    {Kind::dropped, "skb", "kfree_skb", "that a packet was dropped", "reason", internet, "skbaddr"},
-    {Kind::signal, "signal", "signal_generate", "who stopped a thread", "sig", stop_or_go, none, none, "pid",
-     "comm", none, running},
+    {Kind::dropped, "skb", "kfree_skb", "dropped packets", "reason", internet, "skbaddr"},
+    {Kind::signal, "signal", "signal_generate", "which process stopped a thread", "sig", stop_or_go, none,
+     none, "pid", "comm", none, running},
     {Kind::waits, "ftrace", "kernel_stack", "what a thread waits for in the kernel", "caller"},
-    {Kind::moved, "sched", "sched_migrate_task", "which CPU a thread was to run on", "dest_cpu", none, none,
+    {Kind::moved, "sched", "sched_migrate_task", "which CPU a thread was moved to", "dest_cpu", none, none,
      none, "pid", "comm", "prio", running},
     {Kind::reclaim, "vmscan", "mm_vmscan_direct_reclaim_begin"},
     {Kind::reclaim_end, "vmscan", "mm_vmscan_direct_reclaim_end"},
     {Kind::freeze, "cgroup", "cgroup_freeze", none, "path"},
     {Kind::thaw, "cgroup", "cgroup_unfreeze", none, "path"},
-    {Kind::no_route, "fib", "fib_table_lookup", "that there was no route", none, by_no_table},
-    {Kind::no_neighbour, "neigh", "neigh_event_send_done", "that no host on the link had the address", none,
-     it_waits}};
+    {Kind::no_route, "fib", "fib_table_lookup", "packets without a route", none, by_no_table},
+    {Kind::no_neighbour, "neigh", "neigh_event_send_done", "addresses that no host on the link answered for",
+     none, it_waits}};
 
 // The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
 // pre-empted; ready it is then as well.
@@ -147,8 +147,9 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free), function
   for (const auto kind : {Kind::switched, Kind::waking})
     if (std::ranges::none_of(shapes_, [&](const auto& shape) { return shape.second.kind == kind; }))
       throw Error(
-          "this kernel has no tracepoints sched:sched_switch and sched:sched_waking as they are understood "
-          "here, and nothing can be explained without");
+          "explain needs the tracepoints sched:sched_switch and sched:sched_waking; this kernel lacks them "
+          "or "
+          "has an unknown format of them");
 }
 
 const Decoder::Shape* Decoder::shape_of(const RawEvent& event) const {

@@ -149,10 +149,8 @@ class Recorder::Drain {
 
  private:
   static Error another(const std::string& found) {
-    return Error(
-        fmt::format("another ontime traces on this machine, maybe in a container: wait until it ends, "
-                    "or end it ({})",
-                    found));
+    return Error(fmt::format(
+        "another ontime traces on this machine, maybe in a container ({}). Fix: end it or wait", found));
   }
 
   // Of containers with journals of their own: until its end, no other makes an instance.
@@ -160,7 +158,7 @@ class Recorder::Drain {
     auto folder = tracefs_.open("instances", O_RDONLY | O_DIRECTORY);
     for (const auto end = std::chrono::steady_clock::now() + 3s; flock(folder.get(), LOCK_EX | LOCK_NB) != 0;
          std::this_thread::sleep_for(2ms))
-      if (std::chrono::steady_clock::now() > end) throw another("it has locked tracefs' instances");
+      if (std::chrono::steady_clock::now() > end) throw another("it holds the lock of tracefs");
     return folder;
   }
 

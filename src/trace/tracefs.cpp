@@ -16,22 +16,21 @@ namespace ontime::trace {
 namespace {
 
 Error trouble(const std::string& what, int error) {
-  const auto* const remedy =
-      error == EPERM || error == EACCES
-          ? " (it takes root; a kernel in lockdown grants it to no process, see "
-            "/sys/kernel/security/lockdown)"
-      : error == ENOSYS ? " (it was built without CONFIG_TRACING, or is older than 5.2: nothing can be "
-                          "explained on it)"
-                        : "";
+  const auto* const remedy = error == EPERM || error == EACCES
+                                 ? " (explain needs root; a kernel in lockdown denies it even to root, see "
+                                   "/sys/kernel/security/lockdown)"
+                             : error == ENOSYS
+                                 ? " (explain needs Linux 5.2 or later, built with CONFIG_TRACING)"
+                                 : "";
   return Error(fmt::format("{}: {}{}", what, std::generic_category().message(error), remedy));
 }
 
 int mounted() {
   const File context(fsopen("tracefs", FSOPEN_CLOEXEC));
   if (context.get() < 0 || fsconfig(context.get(), FSCONFIG_CMD_CREATE, nullptr, nullptr, 0) != 0)
-    throw trouble("the kernel's tracefs cannot be had", errno == ENODEV ? ENOSYS : errno);
+    throw trouble("cannot mount tracefs", errno == ENODEV ? ENOSYS : errno);
   const int root = fsmount(context.get(), FSMOUNT_CLOEXEC, 0);
-  if (root < 0) throw trouble("the kernel's tracefs cannot be had", errno);
+  if (root < 0) throw trouble("cannot mount tracefs", errno);
   return root;
 }
 
@@ -75,7 +74,7 @@ std::string Tracefs::read(const std::string& path) const {
 void Tracefs::write(const std::string& path, const std::string& text) const {
   const auto file = open(path, O_WRONLY | O_TRUNC);
   if (::write(file.get(), text.data(), text.size()) != static_cast<ssize_t>(text.size()))
-    throw trouble(fmt::format("tracefs {} cannot be set to \"{}\"", path, text), errno);
+    throw trouble(fmt::format("cannot write \"{}\" to tracefs {}", text, path), errno);
 }
 
 void Tracefs::make(const std::string& folder) const {

@@ -35,7 +35,7 @@ Number number_of(const json& number) {
   const bool too_large =
       number.is_number_unsigned() && !std::in_range<std::int64_t>(number.get<std::uint64_t>());
   if (!number.is_number_integer() || too_large || !std::in_range<Number>(number.get<std::int64_t>()))
-    throw Error("a number that cannot be");
+    throw Error("a number is out of range");
   return static_cast<Number>(number.get<std::int64_t>());
 }
 
@@ -45,7 +45,7 @@ std::int32_t number_in(const json& object, const char* name) {
 }
 
 std::int64_t time_of(std::int64_t ns) {
-  if (ns < -latest_ns || ns > latest_ns) throw Error("a time that cannot be");
+  if (ns < -latest_ns || ns > latest_ns) throw Error("a time is out of range");
   return ns;
 }
 std::int64_t time_in(const json& object, const char* name) {
@@ -54,7 +54,7 @@ std::int64_t time_in(const json& object, const char* name) {
 
 std::int32_t cpu_in(const json& object) {
   const auto cpu = number_of<std::int32_t>(object.at("cpu"));
-  if (cpu < 0 || cpu >= most_cpus) throw Error(fmt::format("a CPU {}, which cannot be", cpu));
+  if (cpu < 0 || cpu >= most_cpus) throw Error(fmt::format("CPU {} is out of range", cpu));
   return cpu;
 }
 
@@ -74,7 +74,7 @@ json to_json(const Event& event, std::int64_t from_ns) {
 
 Event event_of(const json& object, std::int64_t from_ns) {
   const auto kind = kind_of(object.at("kind"));
-  if (!kind) throw Error("an event of a kind that this ontime does not know, and a later one may");
+  if (!kind) throw Error("an event has an unknown kind; a later ontime may know it");
   return {.at_ns = time_of(from_ns + time_in(object, "at")),
           .cpu = cpu_in(object),
           .kind = *kind,
@@ -113,16 +113,17 @@ json to_json(const Window& window) {
 
 Window window_of(const json& object) {
   const auto message = number_of<std::int64_t>(object.at("message"));
-  if (message < 0) throw Error("a message that cannot be");
+  if (message < 0) throw Error("a message number is negative");
   Window window{{static_cast<std::uint64_t>(message), time_in(object, "from_ns"), time_in(object, "to_ns")},
                 object.at("whole"),
                 {}};
   const auto& events = object.at("events");
   if (events.size() > most_of_file)
-    throw Error(fmt::format("{} events, and a window has at most {}", events.size(), most_of_file));
+    throw Error(
+        fmt::format("a window has {} events, more than the possible {}", events.size(), most_of_file));
   for (const auto& event : events) window.events.push_back(event_of(event, window.span.from_ns));
   if (!std::ranges::is_sorted(window.events, {}, &Event::at_ns))
-    throw Error("events that are not in the order of their times");
+    throw Error("events are not in order of time");
   return window;
 }
 

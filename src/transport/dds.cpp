@@ -31,17 +31,17 @@ void check_options(const Config& config, const std::string& transport, std::span
 // What ROS 2 takes for a whole topic name, for a peer of rclcpp can have no other.
 const char* wrong_in_topic(const std::string& name) {
   constexpr std::size_t longest = 247;  // so that it fits, with its prefix, into DDS's 255
-  if (!name.starts_with('/')) return "it does not begin with a slash";
+  if (!name.starts_with('/')) return "it does not start with a slash";
   if (name.size() > longest) return "it is longer than 247 characters";
   for (std::size_t at = 0; at < name.size(); ++at) {
     const char letter = name[at];
     const bool begins = at > 0 && name[at - 1] == '/';
     const bool digit = letter >= '0' && letter <= '9';
     if (letter == '/' && (begins || at + 1 == name.size())) return "a part of it is empty";
-    if (begins && digit) return "a part of it begins with a digit";
+    if (begins && digit) return "a part of it starts with a digit";
     const bool word =
         digit || letter == '_' || (letter >= 'a' && letter <= 'z') || (letter >= 'A' && letter <= 'Z');
-    if (letter != '/' && !word) return "it has other characters than letters, digits and _";
+    if (letter != '/' && !word) return "it has characters other than letters, digits and _";
   }
   return nullptr;
 }
@@ -51,11 +51,11 @@ void check_topics(const Config& config, const std::string& transport) {
     if (const char* const wrong = wrong_in_topic(name)) {
       std::string text = transport;
       text.append(": \"").append(name).append("\" is not a topic: ").append(wrong);
-      throw WrongInput(text + "; write it as ROS 2 does, such as /robot/ping");
+      throw WrongInput(text + ". Fix: write it as in ROS 2, such as /robot/ping");
     }
   if (config.ping_topic == config.pong_topic)
-    throw WrongInput(transport + ": ping and pong have one topic, " + config.ping_topic +
-                     "; each end would read what it writes");
+    throw WrongInput(transport + ": ping and pong have the same topic, " + config.ping_topic +
+                     ". Fix: set two different topics");
 }
 
 bool has_two_values(Policy policy) { return policy == Policy::reliability || policy == Policy::durability; }
@@ -88,7 +88,7 @@ Variable users_variable(const char* name) {
   const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
   if (value == nullptr) return {};
   if (follows_environment()) return {value};
-  return {"", std::string(name) + " not followed by a program with file capabilities"};
+  return {"", std::string(name) + " ignored (this program has file capabilities)"};
 }
 
 std::string topic_written(const Config& config) {
@@ -148,10 +148,10 @@ void check(const Config& config, const std::string& transport, std::span<const O
                      " does not exist; DDS has 0 to " + std::to_string(max_domain));
   if (config.max_payload_bytes > max_payload_bytes)
     throw WrongInput(transport + ": a payload of " + std::to_string(config.max_payload_bytes) +
-                     " bytes is too large; it carries " + std::to_string(max_payload_bytes) + " at most");
+                     " bytes is too large; the maximum is " + std::to_string(max_payload_bytes));
   if (config.qos.history == History::keep_last && config.qos.depth < 1)
     throw WrongInput(transport + ": a history depth of " + std::to_string(config.qos.depth) +
-                     " keeps no message; ask for 1 or more");
+                     " keeps no message; the minimum is 1");
   if (!config.interface.empty()) check_link(config, transport);
 }
 
@@ -173,7 +173,7 @@ Peer resolve(const std::string& peer, const std::string& transport) {
     const char* const end = peer.data() + peer.size();
     const auto [stop, error] = std::from_chars(peer.data() + colon + 1, end, result.port);
     if (error != std::errc{} || stop != end || result.port == 0)
-      throw WrongInput(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
+      throw WrongInput(transport + ": the peer " + peer + " has no valid port. Fix: write HOST or HOST:PORT");
   }
   in_addr found{};
   if (const int error = look_up(result.address, found); error != 0)
@@ -184,31 +184,34 @@ Peer resolve(const std::string& peer, const std::string& transport) {
 
 std::string refused_writer(const Config& config, Policy policy) {
   const std::string who = "a writer of " + topic_read(config);
-  if (!has_two_values(policy)) return who + " offers a quality of service that we do not accept";
-  return who + " offers " + policy_value(Qos{}, policy) + ", we ask for " + policy_value(config.qos, policy);
+  if (!has_two_values(policy)) return who + " offers an incompatible QoS";
+  return who + " offers " + policy_value(Qos{}, policy) + ", ontime requests " +
+         policy_value(config.qos, policy);
 }
 
 std::string refused_reader(const Config& config, Policy policy) {
   const std::string who = "a reader of " + topic_written(config);
-  if (!has_two_values(policy)) return who + " asks for a quality of service that we do not offer";
+  if (!has_two_values(policy)) return who + " requests a QoS that ontime does not offer";
   const Qos most{.reliability = Reliability::reliable, .durability = Durability::transient_local};
-  return who + " asks for " + policy_value(most, policy) + ", we offer " + policy_value(config.qos, policy);
+  return who + " requests " + policy_value(most, policy) + ", ontime offers " +
+         policy_value(config.qos, policy);
 }
 
 std::string other_type(const std::string& topic, const std::string& type) {
-  return "another program has " + topic + " with type " + type + ", we have " + message::type_name;
+  return "another program has " + topic + " with type " + type + ", ontime has " + message::type_name;
 }
 
 std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
   if (matched.both()) return {};
-  const char* const let_in = "DDS Security lets in only who has it too, with a certificate of our authority";
+  const char* const let_in =
+      "DDS Security admits only participants with a certificate of the same certificate authority";
   if (participants == 0) {
     std::string text = others_elsewhere(config);
     if (text.empty()) {
-      text = "no other DDS participant: another link, or a firewall that drops UDP, may be the reason";
-      if (config.peers.empty()) text += ", or a network without multicast (--peer ADDRESS needs none)";
+      text = "no other DDS participant found: check the link, and firewalls that drop UDP";
+      if (config.peers.empty()) text += ", and whether the network has multicast (--peer ADDRESS needs none)";
     }
-    // Of whom it does not let in a middleware says no more than of whom it never heard.
+    // A middleware reports rejected participants no differently from absent ones.
     if (config.security) text.append("; or: ").append(let_in);
     return text;
   }

@@ -50,10 +50,12 @@ std::size_t frame_bytes_of(const Config& config, const std::string& who, std::si
   const std::size_t needed = overhead + config.max_payload_bytes;
   if (needed <= most) return needed;
   throw Error(fmt::format(
-      "{}: a payload of {} bytes is too large for one frame of {}, and {} divides none: {} bytes at most{}",
-      who, config.max_payload_bytes, config.interface, who, most - overhead,
+      "{}: a payload of {} bytes is too large for one frame of {} ({} bytes at most); {} does not split "
+      "messages{}",
+      who, config.max_payload_bytes, config.interface, most - overhead, who,
       mtu + ethernet_bytes <= most_bytes
-          ? fmt::format(" at its MTU of {} (sudo ip link set {} mtu N, at both ends)", mtu, config.interface)
+          ? fmt::format(". It has an MTU of {}. Fix: sudo ip link set {} mtu N, at both ends", mtu,
+                        config.interface)
           : ""));
 }
 
@@ -68,28 +70,28 @@ std::uint64_t hash(int domain, const std::string& topic) {
 
 Link link_of(const Config& config, const std::string& who, std::size_t most_bytes) {
   if (config.interface.empty())
-    throw WrongInput(who + " needs the link by name: --interface, or \"interface\" of both hosts");
+    throw WrongInput(who + " needs an interface. Fix: --interface, or `interface` of both hosts");
   if (config.ping_topic == config.pong_topic)
-    throw WrongInput(fmt::format("{}: ping and pong have one topic, {}; each end would read what it writes",
+    throw WrongInput(fmt::format("{}: ping and pong have the same topic, {}. Fix: set two different topics",
                                  who, config.ping_topic));
   if (config.interface.size() >= IFNAMSIZ)
-    throw WrongInput(fmt::format("{}: '{}' is too long for an interface", who, config.interface));
-  await_running([&] { return flags_of(config.interface); }, who, config.interface, "; see \"ip link\"");
+    throw WrongInput(fmt::format("{}: '{}' is too long for an interface name", who, config.interface));
+  await_running([&] { return flags_of(config.interface); }, who, config.interface, " (see ip link)");
   Link link{.name = config.interface, .addresses = addresses_of(config.interface)};
   if (const auto found = asked(config.interface, SIOCGIFINDEX)) link.index = found->ifr_ifindex;
   if (const auto found = asked(config.interface, SIOCGIFHWADDR)) {
     const auto kind = found->ifr_hwaddr.sa_family;
     link.loopback = kind == ARPHRD_LOOPBACK;
     if (kind != ARPHRD_ETHER && !link.loopback)
-      throw Error(
-          fmt::format("{}: the interface {} is no Ethernet (the kernel's type {}); name one that is, such as "
-                      "those that \"ip link\" shows as link/ether",
-                      who, config.interface, kind));
+      throw Error(fmt::format(
+          "{}: interface {} is not Ethernet (kernel type {}). Fix: name one that `ip link` shows as "
+          "link/ether",
+          who, config.interface, kind));
     std::memcpy(link.mac.data(), found->ifr_hwaddr.sa_data, link.mac.size());
   }
   const auto mtu = asked(config.interface, SIOCGIFMTU);
   if (link.index == 0 || !mtu)
-    throw Error(fmt::format("{}: the interface {} went away", who, config.interface));
+    throw Error(fmt::format("{}: interface {} no longer exists", who, config.interface));
   link.frame_bytes = frame_bytes_of(config, who, most_bytes, static_cast<std::size_t>(mtu->ifr_mtu));
   return link;
 }
@@ -106,9 +108,9 @@ in_addr_t wanted(const Config& config, const std::string& who) {
   const std::string host = config.peers.front().substr(0, config.peers.front().rfind(':'));
   in_addr address{};
   if (const int code = look_up(host, address); code != 0)
-    throw Error(fmt::format(
-        "{}: host '{}' was not found: {}. Name an IPv4 address of pong's interface, or no peer at all", who,
-        host, gai_strerror(code)));
+    throw Error(
+        fmt::format("{}: host '{}' not found: {}. Fix: state an IPv4 address of pong's interface, or no peer",
+                    who, host, gai_strerror(code)));
   return address.s_addr;
 }
 
@@ -116,7 +118,7 @@ bool busy_polls(const Config& config, const std::string& who) {
   const auto option = config.options.find("busy-poll");
   if (option == config.options.end() || option->second == "off") return false;
   if (option->second == "on") return true;
-  throw WrongInput(fmt::format("{}: busy-poll is on or off, not '{}'", who, option->second));
+  throw WrongInput(fmt::format("{}: option busy-poll: '{}' is not on or off", who, option->second));
 }
 
 std::string text_of(const Mac& mac) { return fmt::format("{:02x}", fmt::join(mac, ":")); }

@@ -65,9 +65,8 @@ std::uint64_t topic_written(const Config& config);
 std::uint64_t topic_read(const Config& config);
 // The IPv4 address of the pong that the client looks for; 0: any. Throws Error if there is no such host.
 in_addr_t wanted(const Config& config, const std::string& who);
-inline constexpr Option busy_poll{
-    "busy-poll",
-    "on|off: whether the thread that receives looks for frames without sleeping; it takes a CPU for itself"};
+inline constexpr Option busy_poll{"busy-poll",
+                                  "on|off: the receive thread polls without sleeping; it needs its own CPU"};
 // Throws WrongInput for another word than on and off.
 bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);
@@ -143,9 +142,9 @@ class End final : public Endpoint {
     if (const int error = last_error_; error != 0)
       return link_.name + ": " + std::generic_category().message(error);
     if (config_.role == Role::server) return "";
-    return "no pong on the link of " + link_.name + " answered" +
-           (wanted_ == 0 ? "" : " that has the address " + config_.peers.front()) +
-           " (the other end's interface has to be in the same segment, with no router between)";
+    return "no pong" + (wanted_ == 0 ? "" : " with the address " + config_.peers.front()) +
+           " answered on the link of " + link_.name +
+           " (both interfaces must be in the same Ethernet segment, with no router between)";
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {

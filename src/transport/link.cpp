@@ -72,10 +72,10 @@ bool others_listen(int domain) {
 
 }  // namespace
 
-// Fast DDS stays mute on a link that does not run.
+// Fast DDS sends nothing on a link that is down.
 void check_link(const Config& config, const std::string& transport) {
   await_running([&] { return flags_of(config.interface, config.address); }, transport, config.interface,
-                " with address " + config.address + "; see \"ip address\"");
+                " with address " + config.address + " (see ip address)");
 }
 
 Sockets sockets() {
@@ -101,7 +101,7 @@ void keep_to_link(const Sockets& before, const Config& config, const std::string
                    static_cast<socklen_t>(config.interface.size())) != 0)
       throw Error(transport + ": cannot bind a socket to the interface " + config.interface + ": " +
                   errno_text() +
-                  "; Linux before 5.7 wants CAP_NET_RAW for that. Name no interface, or permit it");
+                  "; Linux before 5.7 needs CAP_NET_RAW for it. Fix: grant it, or name no interface");
   }
 }
 
@@ -111,8 +111,8 @@ std::string others_elsewhere(const Config& config) {
   for (const std::string& interface : interfaces_of_group())
     if (interface != config.interface) elsewhere += (elsewhere.empty() ? "" : ", ") + interface;
   if (elsewhere.empty()) return {};
-  return "a participant on this host looks for others by multicast on " + elsewhere + ", not on " +
-         config.interface + ": keep both to one interface, or name none here";
+  return "a participant on this host uses multicast on " + elsewhere + ", not on " + config.interface +
+         ". Fix: use the same interface for both, or name none here";
 }
 
 }  // namespace ontime::transport::dds

@@ -58,7 +58,7 @@ std::optional<fs::path> in_ament_index(const std::string& name) {
     std::string relative;
     std::getline(resource, relative);
     if (relative.empty())
-      throw Error(fmt::format("{} names no transport: its package is half installed. Build it again.",
+      throw Error(fmt::format("{} is empty: the transport's package is half installed. Fix: build it again",
                               file.string()));
     return prefix_path / relative;
   }
@@ -78,9 +78,8 @@ std::string not_followed() {
       ignored.emplace_back(variable);
   if (ignored.empty()) return "";
   return fmt::format(
-      ". It does not follow {}, for a program with file capabilities, or with its owner's rights, would load "
-      "any user's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
-      "locked memory by the limits rtprio and memlock",
+      ". {} ignored: with file capabilities or setuid this program would load any user's code. Fix: sudo "
+      "setcap -r PROGRAM, and permit real-time by the limits rtprio and memlock",
       fmt::join(ignored, " and "));
 }
 
@@ -114,8 +113,8 @@ bool is_truncated(const fs::path& file) {
 const Plugin& load(const std::string& name) {
   const auto file = find(name);
   if (is_truncated(file))
-    throw Error(
-        fmt::format("transport {} is truncated: its file ends too early. Install or build it again", file));
+    throw Error(fmt::format(
+        "transport {} is truncated: its file ends too early. Fix: install or build it again", file));
   void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
     throw Error(fmt::format("transport {} does not load: {}{}", file,
@@ -126,8 +125,8 @@ const Plugin& load(const std::string& name) {
     throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file));
   if (plugin->abi != abi)
     throw Error(
-        fmt::format("transport {} belongs to another ontime (its port is {}, ours {}); install or build both "
-                    "in one version",
+        fmt::format("transport {} is of another ontime version (its interface version is {}, ours {}). Fix: "
+                    "install or build both in one version",
                     file, plugin->abi, abi));
   return *plugin;
 }
@@ -144,7 +143,7 @@ std::string find(const std::string& name) {
   looked.reserve(folders.size());
   for (const auto& folder : folders) looked.push_back(folder.string());
   const auto others = available();
-  throw Error(fmt::format("there is no transport '{}' here{}{}; there are: {}; looked in {}{}", name,
+  throw Error(fmt::format("no transport '{}' here{}{}; available: {}; looked in {}{}", name,
                           spelling::suggestion(name, others), remedy(name),
                           others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
                           fmt::join(looked, ", "), not_followed()));

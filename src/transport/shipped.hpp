@@ -26,19 +26,19 @@ inline constexpr Shipped all_shipped[] = {
     {"ethernet", {.launch_time = true, .below_ip = true}, ""},
     {"xdp",
      {.below_ip = true, .past_the_kernel = true},
-     "; install the package ontime-transport-xdp, or build ontime where libxdp-dev and libbpf-dev are"},
+     ". Fix: install the package ontime-transport-xdp, or build ontime with libxdp-dev and libbpf-dev"},
     {"cyclonedds",
      {.security = true, .neighbours = true, .shares_threads = true},
-     "; install the package ontime-transport-cyclonedds, or build ontime where cyclonedds-dev is"},
+     ". Fix: install the package ontime-transport-cyclonedds, or build ontime with cyclonedds-dev"},
     {"fastdds",
      {.security = true, .neighbours = true, .hears = true},
-     "; install the package ontime-transport-fastdds, or build ontime where libfastrtps-dev is"},
+     ". Fix: install the package ontime-transport-fastdds, or build ontime with libfastrtps-dev"},
     {"opendds",
      {.neighbours = true},
-     "; build ontime where OpenDDS is; Debian has no package of it (docs/how-to/opendds.md)"},
+     ". Fix: build ontime with OpenDDS (no Debian package; see docs/how-to/opendds.md)"},
     {"ros2",
      {.neighbours = true, .nodes = true},
-     "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)"}};
+     ". Fix: build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)"}};
 
 // nullptr: it is not one of ontime's own.
 constexpr const Shipped* shipped(std::string_view name) {

@@ -101,19 +101,20 @@ void await_running(const Flags& flags, const std::string& who, const std::string
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
   if (!now) throw Error(who + ": this host has no interface " + interface + which);
-  throw Error(who + ": the interface " + interface + " is down or has no carrier; see \"ip link\"");
+  throw Error(who + ": interface " + interface + " is down or has no carrier (see ip link)");
 }
 
-// Has the socket's messages say when they are to leave (SO_TXTIME), for the queueing discipline etf, which
-// goes by CLOCK_TAI alone. What has no etf before it leaves at once, whatever it says.
+// Enables launch times (SO_TXTIME) on the socket, for the queueing discipline etf, which uses CLOCK_TAI only.
+// Without etf a packet leaves at once, whatever its launch time.
 inline void permit_launch_times(int fd) {
   const sock_txtime by{.clockid = CLOCK_TAI, .flags = 0};
   if (setsockopt(fd, SOL_SOCKET, SO_TXTIME, &by, sizeof by) == 0) return;
   if (errno == EPERM)
     throw Error(
-        "launch-time: this process may not say when what it sends is to leave: run it as root, or grant it "
+        "launch-time: this process may not set launch times of packets (SO_TXTIME). Fix: run as root, or "
+        "grant "
         "CAP_NET_ADMIN");
-  throw Error("launch-time: this kernel has no SO_TXTIME (Linux has, from 4.19 on): " + errno_text());
+  throw Error("launch-time: this kernel has no SO_TXTIME (needs Linux 4.19): " + errno_text());
 }
 
 // What CLOCK_TAI will show when now_ns() is that. It is set together with the wall clock, so it is asked each

@@ -62,8 +62,8 @@ void refuse(const Document& document, std::initializer_list<Forbidden> forbidden
         continue;
       std::string text = who;
       text.append(": ").append(document.origin).append(" has <").append(one.element);
-      text.append(">, which ").append(one.does).append("; an option may come from a foreign scenario");
-      throw WrongInput(text.append(", so put that into ").append(instead));
+      text.append(">, which ").append(one.does).append(": not permitted in an option of a scenario");
+      throw WrongInput(text.append(". Fix: put it into ").append(instead));
     }
   });
 }

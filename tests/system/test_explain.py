@@ -139,12 +139,12 @@ class Explain(unittest.TestCase):
         said = ontime("explain", self.results, "--pong", kept)
         self.assertEqual(said.returncode, 0, said.stderr)
         self.assertIn("pong's receive thread was stopped by a signal", said.stdout)
-        self.assertIn("nothing is known of what the controller's machine did (ontime ping --explain)", said.stdout)
-        self.assertIn("the component's clock is known to within", said.stdout)
+        self.assertIn("no trace from the controller. Fix: ontime ping --explain", said.stdout)
+        self.assertRegex(said.stdout, r"clock error .*±[0-9.]+ µs")
         self.assertIn("without `explain: on`", ontime("explain", self.results).stdout)
         refused = ontime("explain", self.results, "--pong", other)
         self.assertEqual(refused.returncode, 2)
-        self.assertIn("no pong --explain kept there", refused.stderr)
+        self.assertIn("--pong", refused.stderr)
         for flags in (["--explain"], ["--results", kept]):
             self.assertEqual(ontime("pong", "--transport", "udp", *flags).returncode, 2)
 

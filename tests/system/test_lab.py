@@ -496,7 +496,7 @@ class Machines(Lab):
             self.assertIn(f"{moment} bystander={bystander} groups={groups}", said, text)
         for run, code in (("whole", 0), ("inherited", 3), ("free", 0)):
             self.assertIn(f"{run} ended {code}", said, text)
-        self.assertIn("CPUs 1 cannot be reserved: all processes have 0-1 of 0-2 from the start", " ".join(text.split()))
+        self.assertIn("CPUs 1 cannot be reserved: all processes are bound to 0-1 of 0-2", " ".join(text.split()))
 
     @of_all
     def test_a_shell_that_is_killed_takes_its_machine_with_it(self):
@@ -513,7 +513,7 @@ class Machines(Lab):
     def test_what_the_machine_lacks_is_named(self):
         answer = self.lab("run", self.scenario(LACKING), "--results", self.results())
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertIn("kernel.governor: this machine has no CPU frequency that Linux governs", answer.stderr)
+        self.assertIn("kernel.governor: Linux does not control this machine's CPU frequency", answer.stderr)
 
     @of_all
     def test_a_link_is_as_bad_as_asked_for(self):

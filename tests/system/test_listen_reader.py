@@ -76,7 +76,7 @@ class Reader(unittest.TestCase):
     def test_nobody_there_is_said(self):
         done = subprocess.run([ONTIME, "listen", "/nix", "--reader", "--for", "2 s"], env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
         self.assertEqual(done.returncode, 2, done.stderr)
-        self.assertIn("no other DDS participant was seen in domain 77", done.stderr)
+        self.assertIn("no other DDS participant found in domain 77", done.stderr)
         self.assertIn("'/nix'", done.stderr)
 
 

@@ -30,8 +30,7 @@ runs:
     isolation: {load-weight: 50}
 """
 # Between namespaces no kernel has any, each for its own reason.
-NO_IRQ_THREADS = ("on the controller, kernel.irq-threads: (this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel"
-                  "|to-component has no interrupts: it is no hardware)")
+NO_IRQ_THREADS = "on the controller, kernel.irq-threads: (this kernel has no IRQ threads|to-component has no interrupts)"
 BUSY_POLL = pathlib.Path("/proc/sys/net/core/busy_poll")
 
 

@@ -164,7 +164,7 @@ TEST_P(Pong, GivesPrioritiesByWhatThreadsDoAndSaysThem) {
 }
 
 // What Fast DDS takes by itself between two ends of one machine.
-TEST(PongsThreads, ThatReceiveInSharedMemoryAreGivenThePriority) {
+TEST(PongsThreads, SharedMemoryReceiversGetThePriority) {
   auto ends = pong("rmw_fastrtps_cpp", {"-p", "priority:=3"});
   if (!ends.says("answers /ping")) GTEST_SKIP() << ends.output();
   EXPECT_THAT(ends.output(), ContainsRegex(":shm[0-9]+ \\(receive\\): SCHED_FIFO 3"));
@@ -180,14 +180,14 @@ TEST_P(Pong, LeavesTheBackgroundAloneUnlessAsked) {
 INSTANTIATE_TEST_SUITE_P(On, Pong, testing::ValuesIn(rmws),
                          [](const auto& each) { return std::string(each.param); });
 
-TEST(PongsParameters, ThatAreWrongEndIt) {
+TEST(PongsParameters, InvalidParameterEndsPong) {
   struct Case {
     const char* parameter;
     const char* said;
   };
   for (const auto& [parameter, said] :
-       {Case{"priority:=120", "is no priority; SCHED_FIFO has 1 to 99"},
-        Case{"priority:=high", "of type {integer}"}, Case{"depth:=0", "depth: 0 is less than 1"},
+       {Case{"priority:=120", "is not a priority: 1 to 99"}, Case{"priority:=high", "of type {integer}"},
+        Case{"depth:=0", "depth: 0 is less than 1"},
         Case{"reliability:=perhaps", "'perhaps' is not one of reliable, best-effort"}}) {
     auto ends = pong("rmw_cyclonedds_cpp", {"-p", parameter});
     EXPECT_EQ(ends.exit_code(), 2) << parameter;
@@ -195,7 +195,7 @@ TEST(PongsParameters, ThatAreWrongEndIt) {
   }
 }
 
-TEST(PongsParameters, ThatTheMachineRefusesAreSaid) {
+TEST(PongsParameters, DeniedParameterIsReported) {
   auto ends = pong("rmw_cyclonedds_cpp", {"-p", "priority:=3"}, [] {
     const rlimit none{0, 0};
     setrlimit(RLIMIT_RTPRIO, &none);

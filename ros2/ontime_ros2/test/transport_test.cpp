@@ -97,7 +97,7 @@ INSTANTIATE_TEST_SUITE_P(Every, Transport, testing::ValuesIn(cases()), [](const 
   return each.param.rmw + "_" + each.param.executor + "_" + each.param.allocator;
 });
 
-TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
+TEST(Options, ImpossibleValuesAreRefusedWithTheFix) {
   const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
   const auto is_wrong = StartsWith("wrong input: ");
   EXPECT_THAT(error({{"executor", "guillotine"}}),
@@ -118,7 +118,7 @@ TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
   EXPECT_THAT(error_of(config), AllOf(is_wrong, HasSubstr("/robot/ping")));
 }
 
-TEST(Options, ThatOnlyAnotherMachineHasAreNoWrongInput) {
+TEST(Options, MissingRmwIsAnErrorOfTheMachineNotOfTheInput) {
   const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
   const auto is_wrong = StartsWith("wrong input: ");
   EXPECT_THAT(error({{"rmw", "rmw_smoke_signals_cpp"}}),
@@ -127,7 +127,7 @@ TEST(Options, ThatOnlyAnotherMachineHasAreNoWrongInput) {
   EXPECT_THAT(error({{"loaned", "on"}}), AllOf(Not(is_wrong), HasSubstr("upper bound")));
 }
 
-TEST(Node, OfTheSameNameIsRefused) {
+TEST(Node, DuplicateNodeNameIsRefused) {
   for (const char* rmw : {"rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"}) {
     two_ends::Child first([&](int end, int ready) {
       Answers answers;
@@ -140,12 +140,12 @@ TEST(Node, OfTheSameNameIsRefused) {
     std::string error;
     for (int i = 0; i < 5 && error.empty(); ++i)  // discovery gives no guarantee
       error = error_of(config_of(Role::client, {{"rmw", rmw}}));
-    EXPECT_THAT(error, AllOf(HasSubstr("/ontime_ping already"), HasSubstr("--option node="))) << rmw;
+    EXPECT_THAT(error, AllOf(HasSubstr("/ontime_ping already exists"), HasSubstr("--option node="))) << rmw;
     EXPECT_EQ(error_of(config_of(Role::client, {{"rmw", rmw}, {"node", "another"}})), "") << rmw;
   }
 }
 
-TEST(Qos, ThatDoesNotMatchIsSeenByItsPolicy) {
+TEST(Qos, MismatchIsReportedWithItsPolicy) {
   for (const char* rmw : {"rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"}) {
     const two_ends::Child server([&](int end, int) {
       two_ends::serve(config_of(Role::server, {{"rmw", rmw}}), end);
@@ -156,12 +156,13 @@ TEST(Qos, ThatDoesNotMatchIsSeenByItsPolicy) {
                 Answers answers;
                 const auto endpoint = two_ends::plugin().open(config, answers);
                 std::string seen;
-                for (int i = 0; i < 2000 && seen.find("offers best-effort, we ask for reliable") == seen.npos;
+                for (int i = 0;
+                     i < 2000 && seen.find("offers best-effort, ontime requests reliable") == seen.npos;
                      ++i) {
                   std::this_thread::sleep_for(5ms);
                   seen = endpoint->seen();
                 }
-                require(seen.find("offers best-effort, we ask for reliable") != seen.npos, seen);
+                require(seen.find("offers best-effort, ontime requests reliable") != seen.npos, seen);
               }),
               "")
         << rmw;
@@ -227,7 +228,7 @@ void drop_datagrams_above(std::uint32_t bytes, int domain) {
   require(found > 0, "no socket to filter");
 }
 
-TEST(Losses, OnTheWayAreToldByFastDdsAlone) {
+TEST(Losses, OnlyFastDdsReportsLossesOnTheWay) {
   for (const std::string rmw : rmws) {
     const two_ends::Child server([&](int end, int) {
       two_ends::serve(config_of(Role::server, {{"rmw", rmw}}), end);
@@ -294,7 +295,7 @@ std::string out_of_reach() {
 }
 
 // LTTng's, where ROS 2's trace points have it, start as it is loaded. Any thread blocks signals as it starts.
-TEST(Threads, ThatBlockSignalsWereBornWithFewPrivileges) {
+TEST(Threads, SignalBlockingThreadsStartWithFewPrivileges) {
   EXPECT_EQ(in_own_process([] {
               Answers answers;
               const Options options{{"rmw", "rmw_cyclonedds_cpp"}};

@@ -140,16 +140,16 @@ void check_scheduling(const Document& document) {
     int priority = 0;
     if (std::from_chars(text.data(), text.data() + text.size(), priority).ec != std::errc{}) return;
     if (const std::error_code refused = try_fifo(priority))
-      throw Error("cyclonedds: " + document.origin + " asks for threads of real-time priority " + text +
-                  ", which the kernel refuses (" + refused.message() +
-                  "); grant CAP_SYS_NICE, raise the limit \"rtprio\" or lower the priority");
+      throw Error("cyclonedds: " + document.origin + " sets real-time priority " + text +
+                  " for threads, which the kernel denies (" + refused.message() +
+                  "). Fix: grant CAP_SYS_NICE, raise the limit rtprio, or lower the priority");
   });
 }
 
 Tree defaults(const Config& config) {
   Tree tree;
   Tree& discovery = tree.add_child("CycloneDDS.Domain.Discovery", Tree{});
-  // Ports that a peer can guess, so that it can find us where multicast does not reach.
+  // Predictable ports, so that a peer can find this end without multicast.
   discovery.put("ParticipantIndex", "auto");
   discovery.put("MaxAutoParticipantIndex", dds::participants_per_host - 1);
   // Others on this host are found there whether they use multicast on that interface or not.
@@ -204,9 +204,10 @@ Configuration configuration(const Config& config) {
   std::vector<Document> documents = users_documents(config, uri.value);
   result.carrier = carrier_of(documents);
   if (!config.interface.empty() && result.carrier != "UDPv4")
-    throw WrongInput("cyclonedds: the user's XML asks for " + result.carrier +
-                     ", and ontime keeps only UDPv4 to an interface; name no interface, or leave the "
-                     "transport to ontime");
+    throw WrongInput(
+        "cyclonedds: your XML sets " + result.carrier +
+        ", but ontime can bind only UDPv4 to an interface. Fix: name no interface, or remove the "
+        "transport from the XML");
   for (Document& document : documents) {
     result.source += ", " + document.origin;
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))

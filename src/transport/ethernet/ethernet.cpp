@@ -23,7 +23,7 @@ struct PacketSocket : Descriptor {
     if (*this >= 0) return;
     if (errno == EPERM || errno == EACCES)
       throw Error(
-          "ethernet: this process may not open a raw socket. Run it as root, or start it with CAP_NET_RAW: "
+          "ethernet: no permission for a raw socket. Fix: run as root, or start it with CAP_NET_RAW: "
           "sudo setpriv --reuid=$USER --regid=$(id -g) --init-groups --inh-caps=+net_raw "
           "--ambient-caps=+net_raw ontime ...");
     throw Error("ethernet: no raw socket (AF_PACKET): " + errno_text());

@@ -123,7 +123,7 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
 Descriptor memory_file(const std::string& text) {
   Descriptor file(memfd_create("ontime", MFD_CLOEXEC));
   if (file < 0 || write(file, text.data(), text.size()) != static_cast<ssize_t>(text.size()))
-    throw Error("fastdds: no file in memory: " + errno_text());
+    throw Error("fastdds: cannot make a file in memory: " + errno_text());
   return file;
 }
 

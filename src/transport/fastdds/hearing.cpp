@@ -224,12 +224,11 @@ void FastHearing::take(const std::function<void(const Heard&)>& hear) {
 std::vector<std::string> FastHearing::remarks() {
   auto remarks = remarks_;
   const std::lock_guard lock(mutex_);
-  if (left_out_ > 0) remarks.push_back(std::to_string(left_out_) + " messages came too fast to be counted");
+  if (left_out_ > 0)
+    remarks.push_back(std::to_string(left_out_) + " messages were not counted: they came too fast");
   if (participants_.empty())
-    remarks.push_back(
-        "no other DDS participant was seen in domain " + std::to_string(domain_) +
-        ": is it the robot's (ROS_DOMAIN_ID)? Do a firewall, a network without multicast or DDS "
-        "Security keep ontime out?");
+    remarks.push_back("no other DDS participant found in domain " + std::to_string(domain_) +
+                      ". Check: ROS_DOMAIN_ID of the robot, firewalls, multicast, DDS Security");
   return remarks;
 }
 

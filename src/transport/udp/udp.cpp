@@ -47,7 +47,7 @@ sockaddr_in ipv4(const std::string& host, int port) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   if (const int code = look_up(host, address.sin_addr); code != 0)
-    throw Error(fmt::format("host '{}' was not found: {}", host, gai_strerror(code)));
+    throw Error(fmt::format("host '{}' not found: {}", host, gai_strerror(code)));
   address.sin_port = htons(static_cast<std::uint16_t>(port));
   return address;
 }
@@ -60,7 +60,7 @@ int port_of(const std::string& text) {
   return port;
 }
 
-// That pong listens on, unless a peer is told with another.
+// The port of pong, unless the peer states another.
 int port_of(const Config& config) {
   if (const auto option = config.options.find("port"); option != config.options.end())
     return port_of(option->second);
@@ -127,9 +127,10 @@ class Udp final : public Endpoint {
   std::string seen() override {
     if (config_.role == Role::server) return "";
     if (last_error_ == ECONNREFUSED)
-      return fmt::format("{} refuses: the host is there, no pong listens on that port", peer_);
+      return fmt::format("{} refuses: the host is up, but no pong listens on that port", peer_);
     if (last_error_ != 0) return fmt::format("{}: {}", peer_, std::generic_category().message(last_error_));
-    return fmt::format("{} sent nothing back: is the host up, does a firewall pass UDP?", peer_);
+    return fmt::format("{} sent no reply: check that the host is up and that its firewall permits UDP",
+                       peer_);
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
@@ -192,20 +193,20 @@ class Udp final : public Endpoint {
   }
 
   void be_server() {
-    if (sodium_init() < 0) throw Error("libsodium does not start: no random numbers on this machine");
+    if (sodium_init() < 0)
+      throw Error("libsodium does not start: this machine has no source of random numbers");
     crypto_shorthash_keygen(key_.data());
     const int port = port_of(config_);
     const auto local = ipv4(config_.address.empty() ? "0.0.0.0" : config_.address, port);
     if (bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
-      throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy: does another pong run? Choose "
-                                                    "another port: --domain N or --option port=N",
+      throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy (another pong?). Fix: --domain N or "
+                                                    "--option port=N",
                                                     port)
                                       : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
   }
 
   void be_client() {
-    if (config_.peers.empty())
-      throw WrongInput("udp finds no peer by itself: say where pong is, --peer HOST[:PORT]");
+    if (config_.peers.empty()) throw WrongInput("udp needs the address of pong. Fix: --peer HOST[:PORT]");
     peer_ = config_.peers.front();
     const auto colon = peer_.rfind(':');
     const bool has_port = colon != std::string::npos;
@@ -217,7 +218,7 @@ class Udp final : public Endpoint {
         throw Error(fmt::format("cannot send from address {}: {}", config_.address, errno_text()));
     }
     if (connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
-      throw Error(fmt::format("no way to {}: {}", peer_, errno_text()));
+      throw Error(fmt::format("no route to {}: {}", peer_, errno_text()));
   }
 
   void know() noexcept {
@@ -300,7 +301,7 @@ constexpr Option options[] = {{"port", "UDP port that pong listens on (7900 + do
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
-    throw WrongInput(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
+    throw WrongInput(fmt::format("udp carries at most {} bytes of payload, requested: {}", max_payload,
                                  config.max_payload_bytes));
   for (const auto& [name, value] : config.options)
     if (name != options[0].name)

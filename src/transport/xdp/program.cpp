@@ -72,16 +72,16 @@ int load_program(int map, std::uint64_t topic) {
 
 [[noreturn]] void fail(const std::string& what, int error) {
   if (error == EPERM || error == EACCES)
-    throw Error(fmt::format("xdp: this process may have no {}: {}", what, wants_permission));
+    throw Error(fmt::format("xdp: no permission for {}. Fix: {}", what, wants_permission));
   throw Error(fmt::format("xdp: no {}: {}", what, std::generic_category().message(error)));
 }
 
 [[noreturn]] void is_taken(const std::string& interface, std::uint32_t program) {
-  throw Error(
-      fmt::format("xdp: {0} has an XDP program already{1}, of another program or run: it is left "
-                  "alone. \"ip link show {0}\" and \"bpftool net\" show it; end that run, or take it off "
-                  "(ip link set {0} xdp off), or name another interface",
-                  interface, program == 0 ? "" : fmt::format(" (number {})", program)));
+  throw Error(fmt::format(
+      "xdp: {0} already has an XDP program{1} of another program or run (see bpftool net); ontime "
+      "does not replace it. Fix: end that run, or sudo ip link set {0} xdp off, or name another "
+      "interface",
+      interface, program == 0 ? "" : fmt::format(" (number {})", program)));
 }
 
 }  // namespace
@@ -90,7 +90,7 @@ Program::Program(const frames::Link& link, std::uint64_t topic, std::uint32_t qu
   map_ = Descriptor(bpf_map_create(BPF_MAP_TYPE_XSKMAP, "ontime", sizeof(std::uint32_t), sizeof socket,
                                    queue + 1, nullptr));
   if (map_ < 0) fail("map of sockets", errno);
-  if (bpf_map_update_elem(map_, &queue, &socket, BPF_ANY) != 0) fail("place in its map of sockets", errno);
+  if (bpf_map_update_elem(map_, &queue, &socket, BPF_ANY) != 0) fail("entry in its map of sockets", errno);
   program_ = Descriptor(load_program(map_, topic));
   if (program_ < 0) fail("XDP program", errno);
   attach(link);

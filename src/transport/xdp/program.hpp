@@ -28,7 +28,7 @@ class Program {
 
 // What permissions are missing, for people.
 inline constexpr const char* wants_permission =
-    "run it as root, or start it with CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF: sudo setpriv --reuid=$USER "
+    "run as root, or start it with CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF: sudo setpriv --reuid=$USER "
     "--regid=$(id -g) --init-groups --inh-caps=+net_raw,+net_admin,+bpf "
     "--ambient-caps=+net_raw,+net_admin,+bpf ontime ...";
 

@@ -68,7 +68,7 @@ std::uint32_t queue_of(const Config& config) {
   std::uint16_t queue = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), queue);
   if (error != std::errc{} || end != text.data() + text.size() || queue > 4095)
-    throw WrongInput(fmt::format("xdp: '{}' is not the number of a queue (0 to 4095)", text));
+    throw WrongInput(fmt::format("xdp: option queue: '{}' is not a queue number (0 to 4095)", text));
   return queue;
 }
 
@@ -169,12 +169,11 @@ class Queue {
         -xsk_umem__create(&umem_.handle, memory_.begin(), Memory::bytes, &to_fill_, &completed_, &config);
     if (error == 0) return;
     if (error == EPERM || error == EACCES)
-      throw Error(fmt::format("xdp: this process may have no socket of AF_XDP: {}", wants_permission));
+      throw Error(fmt::format("xdp: no permission for an AF_XDP socket. Fix: {}", wants_permission));
     if (error == EAFNOSUPPORT)
-      throw Error("xdp: this kernel has no AF_XDP (CONFIG_XDP_SOCKETS); boot one that has, or use ethernet");
-    throw Error(
-        fmt::format("xdp: no memory shared with the kernel (the limit memlock is to allow {} KiB): {}",
-                    Memory::bytes / 1024, std::generic_category().message(error)));
+      throw Error("xdp: this kernel has no AF_XDP (CONFIG_XDP_SOCKETS). Fix: use transport ethernet");
+    throw Error(fmt::format("xdp: no memory shared with the kernel (the limit memlock must allow {} KiB): {}",
+                            Memory::bytes / 1024, std::generic_category().message(error)));
   }
 
   void open_socket(const frames::Link& link) {
@@ -195,12 +194,13 @@ class Queue {
     if (error == 0) return;
     const std::string what = fmt::format("xdp: queue {} of {}", number_, link.name);
     if (error == EBUSY)
-      throw Error(what +
-                  " is taken by another socket of AF_XDP: another run? One end takes a queue for itself");
+      throw Error(what + " is in use by another AF_XDP socket (another run?); each end needs its own queue");
     if (error == EINVAL || error == ERANGE)
-      throw Error(what + " is not there, or not of those that both send and receive: see \"ethtool -l " +
-                  link.name + "\", and name another by the option queue");
-    if (error == EOPNOTSUPP) throw Error(fmt::format("xdp: {} has no AF_XDP; use ethernet there", link.name));
+      throw Error(what +
+                  " does not exist, or cannot both send and receive. Fix: option queue (see ethtool -l " +
+                  link.name + ")");
+    if (error == EOPNOTSUPP)
+      throw Error(fmt::format("xdp: {} has no AF_XDP. Fix: use transport ethernet", link.name));
     throw Error(fmt::format("{}: {}", what, std::generic_category().message(error)));
   }
 
@@ -237,14 +237,14 @@ class Queue {
 };
 
 constexpr Option options[] = {frames::busy_poll,
-                              {"queue", "the interface's queue that frames come to and go from (0)"}};
+                              {"queue", "the queue of the interface to send and receive on (0)"}};
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   auto link = frames::link_of(config, who, largest_frame);
   if (link.loopback)
     throw Error(
-        "xdp: lo has one queue, and each end takes one for itself: use two interfaces, of two machines or of "
-        "two network namespaces, or the transport ethernet");
+        "xdp: lo has one queue, and each end needs its own. Fix: use two interfaces (two machines or network "
+        "namespaces), or transport ethernet");
   return std::make_unique<frames::End<Queue>>(config, sink, std::move(link), who);
 }
 

@@ -20,19 +20,20 @@ using ontime::transport::Thread;
 
 void require(bool done, const std::string& what, const std::string& remedy) {
   if (done) return;
-  throw std::runtime_error("cannot " + what + ": " + std::system_category().message(errno) + "; " + remedy);
+  throw std::runtime_error("cannot " + what + ": " + std::system_category().message(errno) +
+                           ". Fix: " + remedy);
 }
 
 int priority_of(rclcpp::Node& node, const char* name) {
   const auto priority = node.declare_parameter<std::int64_t>(name, 0);
   if (priority < 0 || priority > 99)
     throw std::invalid_argument("parameter " + std::string(name) + ": " + std::to_string(priority) +
-                                " is no priority; SCHED_FIFO has 1 to 99, and 0 is an ordinary thread");
+                                " is not a priority: 1 to 99 for SCHED_FIFO, 0 for an ordinary thread");
   return static_cast<int>(priority);
 }
 
-// Of a thread whose role is not known, what it does is not known to be in the background either; and one that
-// sends again never has a priority (transport.hpp).
+// Threads of unknown role get no priority: they may not be background threads. A resend thread never gets one
+// (transport.hpp).
 bool may_have_priority(const Thread& thread) { return thread.role != "unknown" && thread.role != "resend"; }
 
 bool is_passed_through(const Thread& thread) {
@@ -48,7 +49,7 @@ void set_priority(const Thread& thread, int priority) {
   require(
       sched_setscheduler(thread.tid, SCHED_FIFO, &wanted) == 0,
       "give SCHED_FIFO " + std::to_string(priority) + " to " + text_of(thread),
-      "raise the limit rtprio (/etc/security/limits.conf; of a service LimitRTPRIO) or grant CAP_SYS_NICE");
+      "raise the limit rtprio (/etc/security/limits.conf; in a service LimitRTPRIO) or grant CAP_SYS_NICE");
 }
 
 std::string scheduling_of(const Thread& thread) {

@@ -52,8 +52,8 @@ std::pmr::memory_resource* tlsf_resource() {
 #else
 std::pmr::memory_resource* tlsf_resource() {
   throw Error(
-      "ros2: allocator tlsf was not there when this transport was built; install the ROS package "
-      "tlsf_cpp and build ontime_ros2 anew");
+      "ros2: this transport was built without allocator tlsf. Fix: install the ROS package tlsf_cpp and "
+      "rebuild ontime_ros2");
 }
 #endif
 

@@ -18,8 +18,8 @@ Config without_localhost_only(Config config) {
     config.interface = "lo";
     config.address = "127.0.0.1";
   } else if (!dds::is_loopback(config.address)) {
-    throw Error("ros2: ROS_LOCALHOST_ONLY=1 keeps ROS 2 on this host, and the interface " + config.interface +
-                " was asked for; unset ROS_LOCALHOST_ONLY, or name no interface");
+    throw Error("ros2: ROS_LOCALHOST_ONLY=1 keeps ROS 2 on this host, but interface " + config.interface +
+                " is requested. Fix: unset ROS_LOCALHOST_ONLY, or name no interface");
   }
   return config;
 }

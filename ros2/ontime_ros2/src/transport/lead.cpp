@@ -17,8 +17,8 @@ std::string file_for(const std::string& rmw) {
 
 std::unique_ptr<Lead> without_link(const std::string& rmw, const Config& config, const std::string& why) {
   if (!config.interface.empty() || !config.peers.empty())
-    throw Error("ros2: ontime cannot lead " + rmw + " to an interface or peer" + why +
-                "; configure it by its own means and name neither");
+    throw Error("ros2: ontime cannot set an interface or peer for " + rmw + why +
+                ". Fix: set it in the configuration of the RMW, and name neither here");
   auto own = std::make_unique<Lead>();
   own->source = rmw + "'s own";
   own->carrier = "unknown";
@@ -34,12 +34,11 @@ std::unique_ptr<Lead> lead(const std::string& rmw, const Config& config) {
   dladdr(reinterpret_cast<const void*>(&file_for), &here);
   const auto file = std::filesystem::path(here.dli_fname).parent_path() / name;
   if (!std::filesystem::exists(file))
-    return without_link(rmw, config,
-                        ": its DDS was not there when ontime_ros2 was built (" + file.string() + ")");
+    return without_link(rmw, config, " (ontime_ros2 was built without its DDS: no " + file.string() + ")");
   void* const object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
     throw Error("ros2: " + file.string() + " does not load: " + dlerror() +  // NOLINT(concurrency-mt-unsafe)
-                "; build ontime_ros2 anew for this ROS 2");
+                ". Fix: rebuild ontime_ros2 for this ROS 2");
   return reinterpret_cast<LeadFunction*>(dlsym(object, "ontime_lead"))(config);
 }
 

@@ -65,10 +65,10 @@ Options options_of(const Config& config) {
   options.intra_process = choice(config, "intra-process", switches, "off");
   if (options.intra_process && config.receive == Receive::waitset)
     throw WrongInput(
-        "ros2: within a process rclcpp delivers by its executors; intra-process needs --receive listener");
+        "ros2: intra-process needs --receive listener: within a process rclcpp delivers by its executors");
   options.loaned = choice(config, "loaned", switches, "off");
   if (options.loaned && options.allocator != Allocator::standard)
-    throw WrongInput("ros2: loaned messages are the middleware's memory; they need allocator default");
+    throw WrongInput("ros2: loaned messages need allocator default: they are in the middleware's memory");
   options.statistics = choice(config, "statistics", switches, "on");
   options.node = text_of(config, "node", config.role == Role::client ? "ontime_ping" : "ontime_pong");
   return options;

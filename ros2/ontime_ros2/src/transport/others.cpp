@@ -63,8 +63,8 @@ std::string other_types(const rclcpp::Node& node, const std::string& topic) {
   const auto other = std::find_if(found->second.begin(), found->second.end(),
                                   [](const std::string& name) { return name != type; });
   if (other == found->second.end()) return {};
-  return "another program has " + topic + " with type " + *other + ", we have " + type +
-         "; build both ends with the same ontime_msgs";
+  return "another program has " + topic + " with type " + *other + ", ontime has " + type +
+         ". Fix: build both ends with the same ontime_msgs";
 }
 
 }  // namespace
@@ -75,8 +75,8 @@ void refuse_namesake(const rclcpp::Node& node) {
   while (std::chrono::steady_clock::now() < end) {
     const auto names = node.get_node_names();
     if (std::count(names.begin(), names.end(), name) > 1)
-      throw Error("ros2: there is a node " + name +
-                  " already; end it, or give ours another name (--option node=NAME) or another namespace");
+      throw Error("ros2: node " + name +
+                  " already exists. Fix: end it, or use another name (--option node=NAME) or namespace");
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
 }

@@ -33,7 +33,7 @@ OpenFunction* rclcpp_part() {
   void* const object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
     throw Error("ros2: " + file.string() + " does not load: " + dlerror() +  // NOLINT(concurrency-mt-unsafe)
-                "; source the setup.bash of the ROS 2 that it was built in, and build it anew for another");
+                ". Fix: source the setup.bash of the ROS 2 that it was built in, or rebuild it for this one");
   return reinterpret_cast<OpenFunction*>(dlsym(object, "ontime_open_ros2"));
 }
 

@@ -28,7 +28,7 @@ class PublishingWith final : public Publishing {
                                          vendor_qos(config.qos), publisher_options);
     if (loaned_ && !publisher_->can_loan_messages())
       throw Error("ros2: " + options.rmw +
-                  " lends no memory for a message without an upper bound, as RoundTrip is; leave the option "
+                  " cannot loan a message without an upper bound of its size, such as RoundTrip. Fix: option "
                   "loaned off");
   }
 

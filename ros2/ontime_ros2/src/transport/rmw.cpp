@@ -44,12 +44,13 @@ void check_installed(const std::string& rmw) {
   const auto installed = installed_rmws();
   if (installed.empty())
     throw Error(
-        "ros2: no ROS 2 is sourced (AMENT_PREFIX_PATH has none); source its setup.bash and then that "
-        "of the workspace with ontime_ros2");
+        "ros2: no ROS 2 is sourced (AMENT_PREFIX_PATH has none). Fix: source its setup.bash, then that of "
+        "the "
+        "workspace with ontime_ros2");
   if (rmw.empty() || installed.contains(rmw)) return;
-  std::string text = "ros2: the RMW '" + rmw + "' is not installed; there are:";
+  std::string text = "ros2: the RMW '" + rmw + "' is not installed; available:";
   for (const auto& name : installed) text += " " + name;
-  throw Error(text + "; install the package " + debian_package(rmw));
+  throw Error(text + ". Fix: install the package " + debian_package(rmw));
 }
 
 template <typename Function>
@@ -57,8 +58,8 @@ Function* function_in(void* object, const char* name) {
   return reinterpret_cast<Function*>(dlsym(object, name));
 }
 
-// What rcl asks as well, and what depends on nothing of rcl. A ROS 2 that was built with a single RMW has no
-// librmw_implementation: all is linked to that one.
+// The library that rcl uses too; it does not depend on rcl. A ROS 2 built with a single RMW has no
+// librmw_implementation: everything is linked to that RMW.
 void* rmw_library(const std::string& chosen) {
   const auto load = [](const std::string& name) {
     return dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
@@ -78,7 +79,7 @@ std::string loaded_rmw(const std::string& chosen, std::string& why_not) {
   }
   auto* const identifier = function_in<const char*()>(object, "rmw_get_implementation_identifier");
   if (identifier == nullptr) {
-    why_not = "its library is no RMW's";
+    why_not = "its library is not an RMW";
     return {};
   }
   const char* const name = identifier();
@@ -98,14 +99,14 @@ std::string load_rmw(const std::string& asked) {
   std::string loaded = loaded_rmw(chosen, why_not);
   if (loaded.empty())
     throw Error("ros2: " + (chosen.empty() ? "no RMW loads" : "the RMW " + chosen + " does not load") + ": " +
-                why_not + "; source the setup.bash of the ROS 2 that it was built in");
+                why_not + ". Fix: source the setup.bash of the ROS 2 that it was built in");
   if (!chosen.empty() && loaded != chosen)
-    throw Error("ros2: the RMW " + chosen + " was asked for, and " + loaded +
-                " is what loaded; a process keeps its first one");
+    throw Error("ros2: requested RMW " + chosen + ", but " + loaded +
+                " is loaded; a process keeps its first RMW");
   const std::string asserted = environment(asserted_variable);
   if (!asserted.empty() && loaded != asserted)
-    throw Error(std::string("ros2: ") + asserted_variable + " wants the RMW " + asserted + ", and " + loaded +
-                " is what loaded; unset it, or ask for that RMW by --option rmw=" + asserted + " or " +
+    throw Error(std::string("ros2: ") + asserted_variable + " requires RMW " + asserted + ", but " + loaded +
+                " is loaded. Fix: unset it, or request that RMW by --option rmw=" + asserted + " or " +
                 chosen_variable);
   return loaded;
 }
