@@ -2,7 +2,7 @@
 # OpenDDS, with the ACE and TAO that it was built with, where its setenv.sh says: DDS_ROOT, ACE_ROOT, TAO_ROOT.
 #
 # OpenDDS_VERSION, OpenDDS_FOUND; the target OpenDDS::Rtps, discovery and data as RTPS over UDP; and the function
-# opendds_type(TARGET FILE.idl), which makes of a type an object library.
+# opendds_type(TARGET FILE.idl), which makes an object library of a type.
 find_path(OpenDDS_INCLUDE_DIR dds/DCPS/Service_Participant.h HINTS ENV DDS_ROOT)
 find_path(OpenDDS_ACE_INCLUDE_DIR ace/config.h HINTS ENV ACE_ROOT)
 find_path(OpenDDS_TAO_INCLUDE_DIR tao/corba.h HINTS ENV TAO_ROOT)
@@ -39,7 +39,7 @@ if(OpenDDS_FOUND AND NOT TARGET OpenDDS::Rtps)
     list(APPEND OpenDDS_LIBRARY_DIRS ${folder})
   endforeach()
   list(REMOVE_DUPLICATES OpenDDS_LIBRARY_DIRS)
-  # Its libraries do not say where those that they need are, and found are they only by an RPATH of the old kind.
+  # Its libraries do not state where their dependencies are; only an old-style RPATH (no RUNPATH) finds them.
   foreach(folder ${OpenDDS_LIBRARY_DIRS})
     target_link_options(OpenDDS::Rtps INTERFACE LINKER:-rpath-link,${folder})
   endforeach()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# What ontime is built with, beside the Debian packages that have it. What is missing is named all at once, with the line
-# that installs it: rosdep does not know each of these.
+# Dependencies of the build, with their Debian packages. All missing ones are reported at once, with the command
+# that installs them: rosdep does not know all of them.
 set(missing "")
 macro(ontime_need package found)
   if(NOT ${found})
@@ -32,5 +32,5 @@ ontime_need(node-d3 D3)
 if(missing)
   list(SORT missing)
   list(JOIN missing " " missing)
-  message(FATAL_ERROR "ontime is built with packages that are missing here. Install them, and configure again:\n  sudo apt install ${missing}\n")
+  message(FATAL_ERROR "Packages to build ontime are missing. Install them, then configure again:\n  sudo apt install ${missing}\n")
 endif()

@@ -28,7 +28,7 @@ std::string text_of(const Finding& finding, std::size_t columns) {
   for (const auto& [label, words] : {std::pair{"should be", finding.should}, {"because", finding.why}})
     if (!words.empty())
       text += table::wrapped(fmt::format("{}: {}", label, printable(words)), columns, below);
-  // Each line whole, however long: a terminal folds it, and it can be copied.
+  // Commands are not wrapped, so that they can be copied.
   auto lines = table::split(finding.remedy, '\n');
   for (auto& line : lines) line = printable(line);
   if (!finding.remedy.empty()) text += fmt::format("{}fix: {}\n", below, table::join(lines, "\n"));
@@ -57,7 +57,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     return fit ? 0 : 1;
   }
   for (const auto& finding : findings) print(text_of(finding, reading_columns()));
-  print(fmt::format("{}: {}\n", fit ? "fit" : "not fit", fitness::counts_of(findings)));
+  print(fmt::format("{}: {}\n", fit ? "OK" : "not OK", fitness::counts_of(findings)));
   return fit ? 0 : 1;
 }
 
@@ -65,13 +65,14 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
 
 void add_check(Command& app) {
   auto* command =
-      app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, and the fix");
+      app.add_subcommand("check", "Checks whether this machine is ready for real-time, and shows the fixes");
   command->footer("Exit codes: 0 no errors · 1 errors prevent real-time");
   struct Arguments {
     std::string interface, peer, format = "table";
   };
   auto arguments = std::make_shared<Arguments>();
-  add_link(*command, arguments->interface, arguments->peer, "the link: all that are hardware");
+  add_link(*command, arguments->interface, arguments->peer,
+           "check this interface (default: all hardware interfaces)");
   add_format(*command, arguments->format);
   command->calls([arguments] {
     const bool as_json = is_json_flag(arguments->format);
@@ -80,7 +81,8 @@ void add_check(Command& app) {
     if (!arguments->interface.empty()) {
       if (std::ranges::none_of(machine::interfaces(),
                                [&](const auto& one) { return one.name == arguments->interface; }))
-        throw campaign::Error(2, fmt::format("--interface: there is no interface {}", arguments->interface));
+        throw campaign::Error(
+            2, fmt::format("--interface: this machine has no interface {}", arguments->interface));
       subject.interfaces = {arguments->interface};
     }
     return print_findings(fitness::check(subject), as_json);

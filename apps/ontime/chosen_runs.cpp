@@ -43,7 +43,7 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
     if (runs.empty()) throw campaign::Error(2, fmt::format("{} has no runs", file));
     std::vector<std::string> ids;
     const auto all = all_of(runs, ids);
-    throw campaign::Error(2, fmt::format("{} has no run '{}'{}. There are runs {}", file, word,
+    throw campaign::Error(2, fmt::format("{} has no run '{}'{}. It has runs {}", file, word,
                                          spelling::suggestion(word, ids), all));
   }
   if (!words.empty())

@@ -10,11 +10,11 @@
 
 namespace ontime::app {
 
-// `older`: a flag that meant the same, and stays: ",--runs".
+// `older`: an older name of the flag that still works, such as ",--runs".
 void add_only(Command&, std::vector<std::string>& words, const std::string& older = "");
 
-// Those of the file that have one of these ids or numbers, all where there are no words. Throws Error{2} that
-// names a word which no run has, and what there is instead.
+// The runs of the file with these ids or numbers; without words, all runs. Throws Error{2} for a word that
+// names no run, with a list of the runs.
 std::vector<record::Run> chosen_runs(const record::Reader&, const std::string& file,
                                      const std::vector<std::string>& words);
 std::vector<statistics::Summary> chosen_summaries(const record::Reader&, const std::string& file,

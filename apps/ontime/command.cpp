@@ -39,7 +39,7 @@ std::string path_of(const CLI::App& command) {
   return (command.get_parent() == nullptr ? "" : path_of(*command.get_parent()) + " ") + command.get_name();
 }
 
-// The command that the user named: CLI11 tells the program's own errors that are of a command.
+// The command that the user named: CLI11 reports a command's errors as the program's own.
 const CLI::App& named(const CLI::App& from) {
   const auto chosen = from.get_subcommands();
   return chosen.empty() ? from : named(*chosen.back());
@@ -51,12 +51,11 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   std::string text = error.what();
   if (!unknown.empty() && dynamic_cast<const CLI::RequiredError*>(&error) != nullptr &&
       !command.get_subcommands({}).empty())
-    text = "there is no command '" + unknown.front() + "'";
+    text = "unknown command '" + unknown.front() + "'";
   else if (!unknown.empty() && dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr)
-    text = (unknown.front().starts_with('-') ? "there is no option '" : "one word too many: '") +
+    text = (unknown.front().starts_with('-') ? "unknown option '" : "unexpected argument '") +
            unknown.front() + "'";
-  return "ontime: " + text + meant(command, unknown) + "\n" + path_of(command) +
-         " --help shows what there is.\n";
+  return "ontime: " + text + meant(command, unknown) + "\nSee: " + path_of(command) + " --help\n";
 }
 
 }  // namespace
@@ -157,9 +156,9 @@ bool Command::is_shown() const { return !app_->get_group().empty(); }
 
 namespace {
 
-constexpr std::size_t help_column = 34;  // in which what an option does begins
+constexpr std::size_t help_column = 34;  // where descriptions start
 
-// Help in lines of so many columns.
+// Help text, wrapped to this many columns.
 std::string fitted(const std::string& help, std::size_t columns) {
   std::string text;
   for (const auto& line : table::split(help, '\n')) {
@@ -181,7 +180,7 @@ std::string fitted(const std::string& help, std::size_t columns) {
       text += what;
     }
   }
-  text.pop_back();  // what follows the last line is none
+  text.pop_back();  // the newline after the last line
   return text;
 }
 

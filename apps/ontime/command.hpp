@@ -29,13 +29,13 @@ class Option {
   Option* type_name(const std::string&);    // "on|off": these words, which shells complete
   Option* group(const std::string& title);  // in --help; "": --help hides it
   Option* required();
-  Option* given();  // refuses an empty value, which a script's unset variable is
+  Option* given();  // refuses an empty value, such as a script's unset variable
   Option* range(int least, int most);
   Option* delimiter(char);         // of a list
   Option* allow_extra_args(bool);  // false: each value of a list has its own flag
   Option* expected(int least, int most);
-  Option* excludes(const std::string& flag);  // which is there already
-  Option* needs(const std::string& flag);     // the same
+  Option* excludes(const std::string& flag);  // a flag that was added before
+  Option* needs(const std::string& flag);     // a flag that was added before
 
   std::size_t count() const;  // how often the user gave it
   bool is_shown() const;      // in --help
@@ -58,7 +58,7 @@ class Command {
 
   // Options and commands live as long as this one. A value must live until the command has run.
   Command* add_subcommand(const std::string& name, const std::string& help);
-  // Of a text, texts, or a number that need not be there.
+  // A string, a list of strings, or an optional number.
   template <class Value>
   Option* add_option(const std::string& flags, Value& value, const std::string& help);
   Option* add_flag(const std::string& flags, bool& value, const std::string& help);
@@ -66,7 +66,7 @@ class Command {
   Command* group(const std::string& title);  // in --help; "": --help hides it
   Command* footer(const std::string& text);
   Command* require_subcommand();
-  void calls(Action);  // where the user names it, once the whole command line was read
+  void calls(Action);  // if the user names it, after the whole command line is parsed
 
   std::string name() const;
   bool is_shown() const;
@@ -81,13 +81,13 @@ class Command {
   std::list<Option> options_;  // --help first
 };
 
-// The program's own, which all others are of.
+// The root of all commands.
 class Program {
  public:
   Program(const std::string& name, const std::string& help, const std::string& version);
   ~Program();
   Command& command() { return command_; }
-  // What the command line asks for. Of --help, or of an error, which it prints, only the exit code is left.
+  // The requested action. Prints --help and errors itself; then the action only returns the exit code.
   Action parse(int argc, char** argv);
 
  private:

@@ -48,19 +48,21 @@ Summaries alike(const std::string& file, const std::string& word) {
   return summaries;
 }
 
-// Runs of one id need not be repetitions of one another.
+// Runs with one id can have different conditions.
 void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
   for (const auto* run : runs)
     if (run->run.key != runs.front()->run.key)
       throw Error(
-          2, fmt::format("{} {}: runs {} and {} have different conditions. Give the number of one of them",
-                         flag, word, runs.front()->run.number, run->run.number));
+          2,
+          fmt::format("{} {}: runs {} and {} have different conditions. Fix: state the number of one of them",
+                      flag, word, runs.front()->run.number, run->run.number));
 }
 
 void refuse_the_same(const CompareArguments& arguments) {
-  throw Error(2,
-              fmt::format("A and B have runs of {} in common. Give another file, or --from and --to, or --by",
-                          arguments.a));
+  throw Error(
+      2, fmt::format(
+             "A and B have runs of {} in common. Fix: name another file, or use --from and --to, or --by",
+             arguments.a));
 }
 
 bool is_same_file(const CompareArguments& arguments) {
@@ -68,9 +70,9 @@ bool is_same_file(const CompareArguments& arguments) {
   return arguments.b.empty() || std::filesystem::equivalent(arguments.a, arguments.b, ignored);
 }
 
-// `a` and `b` keep what the comparison points to.
+// The comparison points into `a` and `b`.
 report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, Summaries& b) {
-  if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file; leave B out");
+  if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file. Fix: omit B");
   a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
   if (values.size() > 2) std::erase(values, report::unset);
@@ -78,13 +80,13 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
   if (!arguments.from.empty()) {
     for (const auto& value : {arguments.from, arguments.to})
       if (std::ranges::find(values, value) == values.end())
-        throw Error(2, fmt::format("--by: no run has '{}'. There is {}", value, listed));
+        throw Error(2, fmt::format("--by: no run has '{}'. Found {}", value, listed));
     values = {arguments.from, arguments.to};
   }
   if (values.size() != 2)
     throw Error(
-        2, fmt::format("--by needs two values to compare, and there are {} ({}). {}", values.size(), listed,
-                       values.size() > 2 ? "Choose two by --from and --to" : "See: ontime report"));
+        2, fmt::format("--by needs two values to compare; found {} ({}). {}", values.size(), listed,
+                       values.size() > 2 ? "Fix: choose two with --from and --to" : "See: ontime report"));
   if (values[0] == values[1]) refuse_the_same(arguments);
   auto comparison = report::compare_by(a, arguments.by, values[0], values[1]);
   comparison.from_name = arguments.by + ' ' + values[0];
@@ -115,7 +117,7 @@ report::Comparison compare_files(const CompareArguments& arguments, Summaries& a
   return report::compare(a, b);
 }
 
-// What the sides are called, and the words that show all of it.
+// Names both sides. Returns the command that prints every table.
 std::string name_sides(const CompareArguments& arguments, report::Comparison& comparison) {
   std::vector<std::string> words = {"ontime", "compare", arguments.a};
   if (!arguments.b.empty()) words.push_back(arguments.b);
@@ -140,11 +142,10 @@ void draw(const report::Comparison& comparison, const std::string& file) {
   plot.form = form_of("--plot", file);
   if (comparison.pairs.empty())
     throw Error(
-        2,
-        "--plot: no run of A has the same conditions as one of B. Without --plot, compare says what differs");
+        2, "--plot: no run of A has the same conditions as a run of B. To see what differs, omit --plot");
   const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
-    throw Error(2, "--plot: no metric has a change to draw. Were the runs measured to their end?");
+    throw Error(2, "--plot: no metric has a change to draw. Check that the runs are complete: ontime report");
   Output output(file);
   output.write(drawn(commands));
   output.finish();
@@ -153,7 +154,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
 int compare(const CompareArguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
-  if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to belong together");
+  if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to must be used together");
   Summaries a, b;
   auto comparison = !arguments.by.empty()     ? compare_by(arguments, a, b)
                     : !arguments.from.empty() ? compare_chosen(arguments, a, b)
@@ -166,7 +167,7 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
     for (const auto& gate : gates)
       if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to, single_runs));
   std::ranges::move(flags.judge_wanted(gates, b), std::back_inserter(judgements));
-  // A condition that B lacks is no pass.
+  // A run without a partner in B does not pass.
   if (flags.wanted())
     for (const auto& runs : comparison.only_from)
       judgements.push_back({gate::Judgement::Result::cannot_judge, gate::name_of(runs),
@@ -186,34 +187,31 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
 }  // namespace
 
 void add_compare(Command& app) {
-  auto* command =
-      app.add_subcommand("compare", "What changed from one results file to another, with its interval");
+  auto* command = app.add_subcommand(
+      "compare", "Shows what changed between two results files, with confidence intervals");
   auto arguments = std::make_shared<CompareArguments>();
-  command->add_option("A", arguments->a, "a results file: before")->required();
-  command->add_option("B", arguments->b, "another: after");
+  command->add_option("A", arguments->a, "results file before the change")->required();
+  command->add_option("B", arguments->b, "results file after the change");
   add_only(*command, arguments->only);
   command
       ->add_option("--from", arguments->from,
-                   "compare the runs with this id or number (and its repetitions) …")
+                   "compare the run with this id or number, and its repetitions, …")
+      ->type_name("RUN")
+      ->excludes("--only");
+  command->add_option("--to", arguments->to, "… with this run of A or B; their conditions may differ")
       ->type_name("RUN")
       ->excludes("--only");
   command
-      ->add_option("--to", arguments->to,
-                   "… with these, of the same file or of B; their conditions may differ")
-      ->type_name("RUN")
-      ->excludes("--only");
-  command
-      ->add_option(
-          "--by", arguments->by,
-          "compare the runs of A with one value of this key with those with another, all else alike: "
-          "kernel.threaded-napi; --from and --to then name the values")
+      ->add_option("--by", arguments->by,
+                   "compare runs of A that differ only in this key, such as kernel.threaded-napi; --from and "
+                   "--to choose two values")
       ->type_name("KEY");
   command->add_flag(
       "--single-runs", arguments->single_runs,
-      "judge changes although a side has one run; differences between starts are then in no interval");
+      "judge changes even with one run on a side; intervals then ignore differences between runs");
   add_report_format(*command, arguments->format, arguments->full);
   add_output(*command, arguments->output);
-  add_file(*command, "--plot", arguments->plot, "also a figure for a paper: .svg, .pdf or .png");
+  add_file(*command, "--plot", arguments->plot, "also draw a figure: .svg, .pdf or .png");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
   command->calls([arguments, flags] { return compare(*arguments, *flags); });
 }

@@ -15,7 +15,7 @@
 namespace ontime::app {
 namespace {
 
-// "on|off": what may stand there, if it is one of a few words.
+// The possible values, from a type name such as "on|off"; none if there are others.
 std::vector<std::string> words_of(const Option& option) {
   auto words = table::split(option.type_name(), '|');
   std::erase(words, "");
@@ -25,7 +25,7 @@ std::vector<std::string> words_of(const Option& option) {
   return words.size() > 1 && std::ranges::all_of(words, is_word) ? words : std::vector<std::string>{};
 }
 
-// What a shell can ask for: kinds of values that this machine decides.
+// The kind of a value that this machine's files or transports decide.
 std::string kind_of(const std::string& name) {
   if (name.starts_with("SCENARIO")) return "scenarios";
   if (name.starts_with("TRANSPORT")) return "transports";
@@ -45,7 +45,7 @@ struct Cases {
       commands += fmt::format("      '{}/{}') command='{}/{}' ;;\n", path, one->name(), path, one->name());
     }
     for (const auto& option : command.options()) {
-      if (!option.is_shown()) continue;  // which no help names either
+      if (!option.is_shown()) continue;  // --help hides it, too
       if (option.is_positional() && kind.empty()) kind = kind_of(option.name());
       const auto flags = option.flags();
       next.insert(next.end(), flags.begin(), flags.end());
@@ -98,16 +98,17 @@ std::string text_for(const Command& app, const std::string& what) {
            "_bash_complete -o default -F _ontime_words\n";
   if (what == "scenarios") return fmt::format("{}\n", fmt::join(own_scenario_names(), "\n"));
   if (what == "transports") return fmt::format("{}\n", fmt::join(transport::available(), "\n"));
-  throw campaign::Error(2, fmt::format("'{}' is neither bash nor zsh", what));
+  throw campaign::Error(2, fmt::format("SHELL: '{}' is not one of bash, zsh", what));
 }
 
 }  // namespace
 
 void add_completion(Command& app) {
-  auto* command = app.add_subcommand("completion", "What bash or zsh needs to complete this command line");
+  auto* command = app.add_subcommand("completion", "Prints the completion script for bash or zsh");
   command->footer(
       "For this shell: source <(ontime completion bash)\n"
-      "For good: ontime completion bash | sudo tee /usr/share/bash-completion/completions/ontime >/dev/null");
+      "For every new shell: ontime completion bash | sudo tee /usr/share/bash-completion/completions/ontime "
+      ">/dev/null");
   auto shell = std::make_shared<std::string>();
   command->add_option("SHELL", *shell, "bash or zsh")->required();
   command->calls([&app, shell] {

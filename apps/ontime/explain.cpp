@@ -39,31 +39,28 @@ const explain::Message& message_of(const report::Explained& one, std::int64_t in
     return static_cast<std::int64_t>(message.sample.index) == index;
   });
   if (found == messages.end())
-    throw campaign::Error(
-        2, fmt::format(
-               "--message: of message {} it is not known what the kernel did; it is of {} of this run, the "
-               "worst (--format json lists them)",
-               index, messages.size()));
+    throw campaign::Error(2, fmt::format("--message: message {} has no trace. This run has traces of its {} "
+                                         "worst messages (--format json lists them)",
+                                         index, messages.size()));
   return *found;
 }
 
-// What was seen around this message, or around all of which something was, to a file.
+// Writes the traces of the chosen message, or of all traced messages, to a file.
 void write_perfetto(const ExplainArguments& arguments, const record::Reader& reader,
                     const report::Explained& one, const explain::Pong* pong) {
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
   if (messages.empty())
     throw campaign::Error(
-        2,
-        fmt::format("--perfetto: of run {} nothing is known of what the kernels did; measure with --explain",
-                    one.run.number));
+        2, fmt::format("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number));
   Output file(arguments.perfetto);
   file.write(report::perfetto_of(reader, one.run, messages, pong));
   file.finish();
 }
 
-// Of a robot's own messages that are kept with what was around them: the worst first, by what this ontime
-// knows of causes. A cause that was noted when the message came stays where that is not all there.
+// The notes of a run. `ontime listen --keep` also keeps traces of the worst messages: their causes are found
+// again by this version of ontime, worst message first. Where a trace is incomplete, the recorded cause
+// stays.
 std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
   auto notes = reader.notes(run.number);
   if (!run.asked.keeps_worst()) return notes;
@@ -96,8 +93,8 @@ int explain(const ExplainArguments& arguments) {
                                : !arguments.pong.empty()     ? "--pong"
                                                              : nullptr;
       flag != nullptr && runs.size() != 1)
-    throw campaign::Error(2,
-                          fmt::format("{}: of which of the {} runs? Say --only RUN too", flag, runs.size()));
+    throw campaign::Error(
+        2, fmt::format("{} needs one run, but {} are selected. Fix: add --only RUN", flag, runs.size()));
   std::vector<report::Explained> all;
   all.reserve(runs.size());
   std::optional<explain::Pong> pong;
@@ -115,17 +112,18 @@ int explain(const ExplainArguments& arguments) {
 
 void add_explain(Command& app) {
   auto* command = app.add_subcommand(
-      "explain", "Why messages were late or lost, and the fix, for runs with `explain: on`");
+      "explain", "Explains why messages were late or lost, with fixes, for runs with `explain: on`");
   auto arguments = std::make_shared<ExplainArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");
-  command->add_option("--message", arguments->message, "all of this message's delay, part by part")
+  command->add_option("--message", arguments->message, "show each part of this message's delay")
       ->type_name("N");
   add_file(*command, "--pong", arguments->pong,
-           "what `ontime pong --explain --results FILE` kept of the other machine");
-  command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");
+           "traces from the other machine, recorded by `ontime pong --explain --results FILE`");
+  command->add_option("--format", arguments->format, "table, json or markdown (default: table)")
+      ->type_name("FORMAT");
   add_file(*command, "--perfetto", arguments->perfetto,
-           "write what was seen around these messages to this file, for ui.perfetto.dev");
+           "write the traces of these messages to this file, for ui.perfetto.dev");
   command->calls([arguments] { return explain(*arguments); });
 }
 

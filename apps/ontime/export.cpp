@@ -20,10 +20,10 @@ struct ExportArguments {
 report::SampleFormat sample_format_flag(const std::string& word) {
   if (const auto format = report::sample_format_of(word)) return *format;
   if (word == "parquet" || word == "arrow")
-    throw campaign::Error(
-        2, fmt::format("--format: Debian 12 has no package that writes {}, so ontime does not; pandas "
-                       "makes it of csv (docs/how-to/work-on-samples.md)",
-                       word));
+    throw campaign::Error(2,
+                          fmt::format("--format: ontime does not write {}, because Debian 12 has no library "
+                                      "for it. Fix: convert csv with pandas (docs/how-to/work-on-samples.md)",
+                                      word));
   throw campaign::Error(2, fmt::format("--format: '{}' is not one of csv, jsonl", word));
 }
 
@@ -40,10 +40,10 @@ int export_results(const ExportArguments& arguments) {
 }  // namespace
 
 void add_export(Command& app) {
-  auto* command = app.add_subcommand("export", "Every sample of a results file, as CSV or JSON Lines");
+  auto* command = app.add_subcommand("export", "Exports every sample of a results file as CSV or JSON Lines");
   auto arguments = std::make_shared<ExportArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "csv or jsonl: csv")->type_name("FORMAT");
+  command->add_option("--format", arguments->format, "csv or jsonl (default: csv)")->type_name("FORMAT");
   add_only(*command, arguments->only, ",--run");
   add_output(*command, arguments->output);
   command->calls([arguments] { return export_results(*arguments); });

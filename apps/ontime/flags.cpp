@@ -21,28 +21,28 @@ Option* add_file(Command& command, const char* flag, std::string& file, const ch
 }
 
 void add_output(Command& command, std::string& file) {
-  add_file(command, "--output", file, "into this file instead of standard output");
+  add_file(command, "--output", file, "write to this file instead of standard output");
 }
 
 void add_report_format(Command& command, std::string& word, bool& full) {
-  command.add_option("--format", word, "table, json, csv, markdown, latex or html: table")
+  command.add_option("--format", word, "table, json, csv, markdown, latex or html (default: table)")
       ->type_name("FORMAT");
-  command.add_flag("--full", full, "every table, instead of the answer in 24 lines");
+  command.add_flag("--full", full, "print every table instead of the 24-line summary");
 }
 
 void add_format(Command& command, std::string& word) {
-  command.add_option("--format", word, "table or json: table")->type_name("FORMAT");
+  command.add_option("--format", word, "table or json (default: table)")->type_name("FORMAT");
 }
 
 void add_link(Command& command, std::string& interface, std::string& peer, const char* interface_help) {
   add_value(command, "--interface", interface, "NAME", interface_help);
-  add_value(command, "--peer", peer, "HOST", "instead: the interface by which the traffic to it goes")
+  add_value(command, "--peer", peer, "HOST", "use the interface that routes to this host")
       ->excludes("--interface");
 }
 
 void add_metrics(Command& command, std::string& address) {
   add_value(command, "--metrics", address, "[ADDR:]PORT",
-            "offer Prometheus the same over HTTP; of a PORT alone on loopback");
+            "serve the same to Prometheus over HTTP; a PORT alone is on loopback");
 }
 
 report::Format format_flag(const std::string& word) {

@@ -20,15 +20,16 @@ using gate::Judgement;
 
 GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
   const auto* const example = use == gate::Use::fail_if
-                                  ? "exit 1 if this is so of a run: 'response late > 0', 'p99.9 > 2 ms'"
-                                  : "exit 1 if this is so: 'p99.9 > +10%', 'response late > 0'";
+                                  ? "exit with 1 if this holds for a run: 'response late > 0', 'p99.9 > 2 ms'"
+                                  : "exit with 1 if this holds: 'p99.9 > +10%', 'response late > 0'";
   command.add_option("--fail-if", fail_if_, example)->type_name("GATE")->allow_extra_args(false);
-  add_file(command, "--junit", junit_, "write what came of it into this file, as JUnit's XML");
+  add_file(command, "--junit", junit_,
+           "write the pass or fail of each requirement to this file, as JUnit XML");
 }
 
 namespace {
 
-// Before anything is measured. Another file than JUnit's may be the scenario, or a robot's description.
+// Called before measuring. Protects other files, such as the scenario or a robot's description.
 void check_junit(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code none;
@@ -37,8 +38,8 @@ void check_junit(const std::string& path) {
   const Output can_be_written(path);
   if (!fs::is_regular_file(status) || fs::file_size(path, none) == 0) return;
   if (beginning_of(path, 4096).find("<testsuite") == std::string::npos)
-    throw campaign::Error(2,
-                          fmt::format("--junit: {} is there, and is not JUnit's: name another file", path));
+    throw campaign::Error(
+        2, fmt::format("--junit: {} exists and is not JUnit XML. Fix: name another file", path));
 }
 
 }  // namespace
@@ -75,7 +76,8 @@ std::vector<Judgement> GateFlags::judge_wanted(const std::vector<gate::Gate>& ga
 
 int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
   if (wanted() && judgements.empty())
-    judgements.push_back({Judgement::Result::cannot_judge, file, "the file has a run", "it has none"});
+    judgements.push_back(
+        {Judgement::Result::cannot_judge, file, "the file has a run", "the file has no run"});
   int code = 0;
   for (const auto& judgement : judgements) {
     const bool held = judgement.result == Judgement::Result::held;

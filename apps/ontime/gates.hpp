@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The flags by which a CI holds a line: --fail-if and --junit.
+// The flags for CI: --fail-if and --junit.
 #pragma once
 
 #include <string>
@@ -17,14 +17,14 @@ class GateFlags {
   std::vector<gate::Gate> gates() const;
 
   bool wanted() const { return !fail_if_.empty() || !junit_.empty(); }
-  // Of a run by itself: gate::judge_all(); for JUnit also whether it was measured as asked.
+  // Judges one run by gate::judge_all(); for JUnit also whether it was measured as requested.
   std::vector<gate::Judgement> judge(const std::vector<gate::Gate>&, const statistics::Summary&) const;
-  // Of runs without those that a later one supersedes; nothing if neither flag was given.
+  // Judges runs that no later run supersedes; nothing if neither flag was given.
   std::vector<gate::Judgement> judge_wanted(const std::vector<gate::Gate>&,
                                             const std::vector<statistics::Summary>&) const;
 
-  // Prints on standard error what is not plainly ok, writes the JUnit file, and returns the exit code: 0
-  // or 1. `file`: what was judged; if it had nothing to judge, that is no pass.
+  // Prints what did not hold or is uncertain on standard error, writes the JUnit file, and returns the exit
+  // code: 0 or 1. `file`: the judged file; without judgements it fails.
   int finish(std::vector<gate::Judgement>, const std::string& file) const;
 
  private:

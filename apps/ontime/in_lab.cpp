@@ -29,19 +29,18 @@ bool is_of_kernel(std::string_view package) {
 }
 
 fs::path brought_along(const std::string& path) {
-  if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
+  if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: no such file or folder", path));
   auto whole = fs::canonical(path);
-  if (whole == "/") throw Error(2, "--with: / is all of this machine: name what is wanted");
+  if (whole == "/") throw Error(2, "--with: / is the whole machine. Fix: name a file or folder in it");
   for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
     if ((whole.string() + '/').starts_with(std::string(own) + '/'))
-      throw Error(2,
-                  fmt::format("--with: {}: the lab's machine has a {} of its own, which would hide it: put "
-                              "it elsewhere",
-                              path, own));
+      throw Error(2, fmt::format("--with: {}: the lab's machine has its own {}, which would hide it. Fix: "
+                                 "move it to another folder",
+                                 path, own));
   return whole;
 }
 
-// Of its wire, where that is one that a NIC can have; 0: whatever they say.
+// The wire's speed if a NIC can have it; 0: the NICs keep their own.
 int speed_of(const campaign::Scenario& scenario) {
   constexpr std::uint64_t mbit = 1'000'000;
   const auto rate = scenario.hosts.wire.bits_per_s;
@@ -49,10 +48,10 @@ int speed_of(const campaign::Scenario& scenario) {
 }
 
 std::string words_of_speed(int mbit_per_s) {
-  return mbit_per_s == 0 ? "none" : fmt::format("{} Mbit/s", mbit_per_s);
+  return mbit_per_s == 0 ? "any" : fmt::format("{} Mbit/s", mbit_per_s);
 }
 
-// What is measured already, as the machine is to have it.
+// A copy of the earlier runs, for --resume in the machine.
 lab::File brought(const record::Reader& reader, const fs::path& folder) {
   const auto file = folder / results_name;
   record::Writer copy(file.string());
@@ -68,19 +67,19 @@ void LabFlags::add(Command& command, const std::string& title) {
     options_.push_back(option);
     return option;
   };
-  add(add_value(command, "--nic", machine_.nic, "e1000e|virtio|igb",
-                "emulated network card: e1000e, virtio or igb: e1000e"));
+  add(add_value(command, "--nic", machine_.nic, "e1000e|virtio|igb", "emulated NIC (default: e1000e)"));
   add(command.add_flag("--deterministic", machine_.deterministic,
-                       "time is made of instructions, so that every run repeats exactly: the default"));
-  add(command.add_flag("--live", live_, "this machine's time, with all its disturbances"))
+                       "count instructions as time, so that every run repeats exactly (default)"));
+  add(command.add_flag("--live", live_, "use this machine's time, with its disturbances"))
       ->excludes("--deterministic");
-  add(command.add_option("--cpus", cpus_, "number of CPUs: 1; with --live 2"))
+  add(command.add_option("--cpus", cpus_, "number of CPUs (default: 1; with --live: 2)"))
       ->type_name("N")
       ->range(1, lab::most_cpus);
-  add(add_value(command, "--kernel", machine_.kernel, "PACKAGE", "Debian's package: linux-image-rt-amd64"));
-  add(add_value(command, "--memory", memory_, "SIZE", "memory of the machine: 2 GiB"));
+  add(add_value(command, "--kernel", machine_.kernel, "PACKAGE",
+                "Debian package of the kernel (default: linux-image-rt-amd64)"));
+  add(add_value(command, "--memory", memory_, "SIZE", "memory of the machine (default: 2 GiB)"));
   add(add_value(command, "--with", with_, "PATH",
-                "copy this file or folder to the same place in the machine; repeatable"))
+                "copy this file or folder to the same path in the machine; repeatable"))
       ->allow_extra_args(false);
 }
 
@@ -90,13 +89,13 @@ lab::Machine LabFlags::machine() const {
   if (std::ranges::find(nics, machine.nic) == nics.end())
     throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
   if (!is_of_kernel(machine.kernel))
-    throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
+    throw Error(2, fmt::format("--kernel: '{}' is not a kernel package, such as linux-image-rt-amd64",
                                machine.kernel));
   machine.deterministic = !live_;
   machine.cpus = cpus_.value_or(live_ ? 2 : 1);
   if (!memory_.empty()) machine.memory_bytes = bytes_flag("--memory", memory_);
   if (machine.memory_bytes < least_memory_bytes)
-    throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", memory_));
+    throw Error(2, fmt::format("--memory: '{}' is too small. The least is 512 MiB", memory_));
   for (const auto& path : with_) machine.with.push_back(brought_along(path));
   return machine;
 }
@@ -111,24 +110,25 @@ lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interr
   observer.note = [&](const std::string& text) { terminal.note(text); };
   observer.says = [&](const std::string& line) { terminal.line(line); };
   observer.waits = [&](std::chrono::seconds since, const std::optional<std::string>& line) {
-    terminal.waits(line ? fmt::format("({} here) {}", about(since), *line)
-                        : fmt::format("the lab's machine starts … {}", about(since)));
+    terminal.waits(line ? fmt::format("({} real time) {}", about(since), *line)
+                        : fmt::format("the lab's machine boots … {}", about(since)));
   };
   observer.interrupted = [&] { return interrupts > 0; };
   return observer;
 }
 
-// Each scenario in a folder of its own, for two may have one name.
+// Each scenario has its own folder, because two files can have the same name.
 InLab::InLab(lab::Machine machine, LabTask task) : machine_(std::move(machine)), task_(std::move(task)) {
   for (const auto& scenario : campaign::read_scenarios(task_.scenarios, task_.choice.checked())) {
     const auto& file = scenario.file;
     if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
-      throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
+      throw Error(2,
+                  fmt::format("{}: the lab needs hosts: namespaces. Fix: set it, or use `ontime run`", file));
     const auto speed = speed_of(scenario);
     if (scenarios_.empty()) machine_.nic_mbit_per_s = speed;
     if (speed != machine_.nic_mbit_per_s)
-      throw Error(2, fmt::format("{}: its wire asks for NICs of a speed ({}), and {}'s for another ({}): the "
-                                 "lab's have one for all, so run them one after the other",
+      throw Error(2, fmt::format("{}: its wire needs NICs of another speed ({}) than {} ({}). Fix: run these "
+                                 "scenarios one at a time",
                                  file, words_of_speed(speed), scenarios_.front().here.string(),
                                  words_of_speed(machine_.nic_mbit_per_s)));
     scenarios_.push_back(
@@ -163,7 +163,7 @@ LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign
   observer.sent = [&](const fs::path& sent) {
     const record::Reader reader(sent.string());
     for (auto& run : reader.runs()) {
-      run.asked.document["command_line"] = command_line();  // as typed here, which is what repeats it
+      run.asked.document["command_line"] = command_line();  // as typed on this machine
       record::copy_run(reader, run, writer);
     }
   };
@@ -173,11 +173,11 @@ LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign
   if (known > 0) files.push_back(brought(writer.reader(), journal::add_directory(journal, "lab-results")));
   try {
     const auto outcome = lab::run(machine_, journal, command(), files, observer);
-    terminal.note(fmt::format("the lab's machine ran for {} of its time, which took {}", about(outcome.time),
-                              about(outcome.real)));
+    terminal.note(fmt::format("the lab's machine ran for {} of its own time, in {} of real time",
+                              about(outcome.time), about(outcome.real)));
     end.code = outcome.code;
   } catch (const lab::Interrupted&) {
-    end.unfinished = "interrupted: the lab's machine is gone, and with it the run that it measured";
+    end.unfinished = "interrupted: the lab's machine stopped, and its unfinished run is lost";
     end.code = 130;
   } catch (const lab::Error& error) {
     if (writer.reader().runs().size() == known) throw;

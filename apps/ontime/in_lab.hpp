@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The lab's machine as commands ask for it, and what they have measured there.
+// The lab's machine for commands: its flags, and the runs measured in it.
 #pragma once
 
 #include <optional>
@@ -32,26 +32,26 @@ class LabFlags {
 
 lab::Observer observer_of(Terminal&, const campaign::Interrupts&);
 
-// A command that measures scenarios there, of which each run leaves the machine as soon as it is complete.
+// A command that measures scenarios in the machine. Each complete run is copied out at once.
 struct LabTask {
   std::vector<std::string> command;    // "ontime", "run"
   std::vector<std::string> scenarios;  // files here
   const Choice& choice;
-  bool resume = false;              // from what is in the results here
-  std::vector<std::string> more{};  // its flags
+  bool resume = false;              // skip runs that the results here have
+  std::vector<std::string> more{};  // further flags
 };
 struct LabEnd {
   int code = 0;            // the command's, 3 if the machine failed, or 130
-  std::string unfinished;  // why its machine failed or was ended, for people; "": it did not
+  std::string unfinished;  // why the machine failed or was stopped, for people; "": neither
   std::string said;        // the last line that the command wrote
 };
 
-// Checks the task before any machine starts: throws Error{2}. All scenarios have hosts: namespaces, and one
-// speed of the wire, which the NICs then have.
+// Checks the task before a machine starts; throws Error{2}. All scenarios must have hosts: namespaces, and
+// the same wire speed, which the NICs get.
 class InLab {
  public:
   InLab(lab::Machine, LabTask);
-  // Into the results. Throws lab::Error if the machine failed before the first run.
+  // Adds the runs to the results. Throws lab::Error if the machine failed before the first run.
   LabEnd measure(record::Writer&, Terminal&, const campaign::Interrupts&);
 
  private:
@@ -61,7 +61,7 @@ class InLab {
   std::vector<lab::File> scenarios_;
 };
 
-// In the machine: this run of the results leaves it, as a results file of its own.
+// Called inside the machine: copies this run out, as its own results file.
 void send_from_lab(record::Writer&, std::int64_t run, const std::string& to);
 
 }  // namespace ontime::app

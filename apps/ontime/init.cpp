@@ -28,7 +28,7 @@ struct InitArguments {
   std::string output;
 };
 
-// A machine and its interface that ssh takes.
+// A host, with the interface and address of its ssh connection.
 struct Place {
   std::string ssh;  // "": this machine
   std::string interface, address;
@@ -40,7 +40,7 @@ struct Place {
 std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
   const auto command = table::shell_line(words) + " 2>&1 </dev/null";
   auto* const pipe = ::popen(command.c_str(), "re");
-  if (pipe == nullptr) throw Error(3, "this machine cannot start another process");
+  if (pipe == nullptr) throw Error(3, "this machine cannot start another process: ssh");
   std::string said;
   std::array<char, 4096> part{};
   while (const auto bytes = std::fread(part.data(), 1, part.size(), pipe)) said.append(part.data(), bytes);
@@ -48,7 +48,8 @@ std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
   return {said, WIFEXITED(status) ? WEXITSTATUS(status) : 1};
 }
 
-// The addresses of the connection, the interface there that has the second, and whether ontime is there.
+// Prints both addresses of the ssh connection, the host's interface with the second, and whether ontime is
+// installed.
 constexpr const char* question =
     "set -- $SSH_CONNECTION; echo ontime-init \"$1\" \"$3\" "
     "\"$(ip -o addr show 2>/dev/null | awk -v a=\"$3\" '{split($4, b, \"/\"); if (b[1] == a) {print $2; "
@@ -65,7 +66,7 @@ Place place_of(const std::string& host) {
   std::istringstream words(said.substr(answer));
   std::string mark, has_ontime;
   words >> mark >> place.peer >> place.address >> place.interface >> has_ontime;
-  if (has_ontime.empty()) {  // `ip` is not there, or the address is another's, as behind a router
+  if (has_ontime.empty()) {  // the host has no `ip`, or the address is a router's
     has_ontime = place.interface;
     place.interface.clear();
   }
@@ -89,19 +90,20 @@ std::string line_of(const char* role, const Place& place) {
 }
 
 std::string scenario_of(const Place& controller, const Place& component) {
-  return fmt::format(R"(# Carry it out: ontime run FILE. All keys: docs/reference/keys.md.
+  return fmt::format(R"(# Run it: ontime run FILE. All keys: docs/reference/keys.md.
 title: From {0} to {1}
 
-# The controller sends, the component answers. "ssh" is what you type after `ssh`; without it, it is this machine.
-# "interface" is the link under test, which messages take; "address" is where the other end finds it.
+# The controller sends, the component replies. "ssh" is what you type after `ssh`.
+# A host without "ssh" is this machine. "interface" is the link under test.
+# "address" is this host's address on that link.
 hosts:
 {2}{3}
-# What holds for all runs. `ontime scenarios FILE` shows how long they take.
+# Defaults for all runs. `ontime scenarios FILE` shows how long the runs take.
 defaults:
   transport: udp     # or a list: [udp, cyclonedds, fastdds]
   payload: 500 B
   period: 10 ms
-  deadline: 10 ms    # a later answer is late
+  deadline: 10 ms    # a later reply is late
   duration: 10 s
 
 runs:
@@ -129,13 +131,13 @@ std::string stem_of(const std::string& host) {
 
 int init(const InitArguments& arguments) {
   if (arguments.hosts.size() > 2)
-    throw Error(2, "HOST: a scenario has two hosts, and one of them may be this machine: name one or two");
+    throw Error(2, "HOST: name one or two hosts. With one, this machine is the controller");
   for (const auto& host : arguments.hosts)
     if (host.empty() || host.starts_with('-'))
-      throw Error(2, fmt::format("HOST: '{}' is not what ssh can connect to, such as me@robot", host));
+      throw Error(2, fmt::format("HOST: '{}' is not a host for ssh, such as me@robot", host));
   const auto file = arguments.output.empty() ? stem_of(arguments.hosts.back()) + ".yaml" : arguments.output;
   if (std::filesystem::exists(std::filesystem::symlink_status(file)))
-    throw Error(2, fmt::format("{} exists: name another file (--output FILE)", file));
+    throw Error(2, fmt::format("{} exists. Fix: name another file with --output FILE", file));
   const auto component = place_of(arguments.hosts.back());
   const auto controller =
       arguments.hosts.size() == 2 ? place_of(arguments.hosts.front()) : this_machine(component);
@@ -144,14 +146,13 @@ int init(const InitArguments& arguments) {
   for (const auto* place : {&controller, &component}) {
     if (place->ssh.empty()) continue;
     lacks_ontime = lacks_ontime || !place->has_ontime;
-    print_error(
-        fmt::format("{}: reached{}", place->ssh,
-                    place->has_ontime ? "" : "; ontime is not installed there, so --deploy brings it"));
+    print_error(fmt::format("{}: reached{}", place->ssh,
+                            place->has_ontime ? "" : "; ontime is not installed there, so use --deploy"));
     if (place->interface.empty())
-      print_error(fmt::format("{}: no interface there has the address {}: replace NAME in {}", place->ssh,
+      print_error(fmt::format("{}: no interface there has address {}. Fix: replace NAME in {}", place->ssh,
                               place->address, file));
   }
-  print(fmt::format("{}: look at it, then: ontime run {}{}\n", file, table::shell_line({file}),
+  print(fmt::format("{} is written. Check it, then: ontime run {}{}\n", file, table::shell_line({file}),
                     lacks_ontime ? " --deploy" : ""));
   return 0;
 }
@@ -160,16 +161,17 @@ int init(const InitArguments& arguments) {
 
 void add_init(Command& app) {
   auto* command =
-      app.add_subcommand("init", "Checks that hosts can be reached, and writes a scenario for them");
+      app.add_subcommand("init", "Checks that ssh reaches the hosts, and writes a scenario for them");
   command->footer(
-      "It takes the addresses and interfaces that ssh takes. Where the robot has a link of its own for "
-      "messages, change them in the file.");
+      "The scenario uses the addresses and interfaces that ssh uses. If messages take another link, change "
+      "them in the file.");
   auto arguments = std::make_shared<InitArguments>();
   command
       ->add_option("HOST", arguments->hosts,
-                   "what you type after ssh: the component; or the controller and the component")
+                   "what you type after ssh: the component, or the controller and the component")
       ->required();
-  add_file(*command, "--output", arguments->output, "the scenario's file: COMPONENT.yaml");
+  add_file(*command, "--output", arguments->output,
+           "write the scenario to this file (default: COMPONENT.yaml)");
   command->calls([arguments] { return init(*arguments); });
 }
 

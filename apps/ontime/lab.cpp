@@ -49,7 +49,7 @@ int shell(const LabFlags& flags) {
   Terminal terminal;
   for (const auto& line : journal::revert_abandoned(keeper::kinds())) terminal.note(line);
   journal::Journal journal(keeper::kinds());
-  terminal.note("the machine starts in about 10 to 30 s; leave it with exit, or Ctrl-A X");
+  terminal.note("the machine boots in about 10 to 30 s. To leave it: exit, or Ctrl-A X");
   lab::shell(machine, journal, observer_of(terminal, interrupts));
   return 0;
 }
@@ -58,30 +58,30 @@ int shell(const LabFlags& flags) {
 
 void add_lab(Command& app) {
   auto* command = app.add_subcommand(
-      "lab", "A simulated machine with PREEMPT_RT and two NICs, in which scenarios repeat exactly");
+      "lab", "Runs scenarios in a simulated PREEMPT_RT machine, where they repeat exactly");
   command->require_subcommand();
   command->footer(
-      "It is QEMU with a Debian kernel, which apt fetches into the user's cache folder (500 MB). It compares "
-      "settings; it does not predict the times of a real machine.");
+      "The machine is QEMU with two NICs and a Debian kernel, which apt downloads into your cache folder "
+      "(500 MB). Use it to compare settings. Its times are not those of a real machine.");
   auto* runs = command->add_subcommand(
-      "run", "Carries out scenarios there, with hosts: namespaces; brings out the results");
+      "run", "Runs scenarios with hosts: namespaces in the machine, and copies the results out");
   auto measured = std::make_shared<LabArguments>();
   runs->add_option("SCENARIO", measured->scenarios,
-                   "scenario files, folders of them, or names that `ontime scenarios` shows")
+                   "scenario files, folders, or names that `ontime scenarios` lists")
       ->required();
   measured->machine.add(*runs);
   add_choice(*runs, measured->choice);
   add_file(*runs, "--results", measured->results,
-           "results file: a new one, or with --resume the one to go on with (default: a new one here)");
-  runs->add_flag("--resume", measured->resume,
-                 "leave out what these results have already, measured to its end: the same conditions, "
-                 "repetition and text of the scenario")
+           "new results file, or with --resume an existing one (default: a new one here)");
+  runs->add_flag(
+          "--resume", measured->resume,
+          "skip runs that are complete in these results: same conditions, repetition and scenario text")
       ->needs("--results");
   add_report_format(*runs, measured->format, measured->full);
   auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);
   runs->calls([measured, flags] { return run(*measured, *flags); });
 
-  auto* shells = command->add_subcommand("shell", "A shell in such a machine, to look around");
+  auto* shells = command->add_subcommand("shell", "Opens a shell in the simulated machine");
   auto looked = std::make_shared<LabFlags>();
   looked->add(*shells);
   shells->calls([looked] { return shell(*looked); });

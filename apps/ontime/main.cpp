@@ -15,12 +15,13 @@
 
 int main(int argc, char** argv) {
   using namespace ontime::app;
-  Program program("ontime", "Do a robot's messages arrive on time, under the load that it really has?",
+  Program program("ontime",
+                  "Measures whether a robot's messages arrive on time under load, and explains late ones",
                   "ontime " ONTIME_VERSION);
   auto& app = program.command();
   app.require_subcommand()->footer(
-      "Exit codes: 0 fine · 1 a stated requirement was missed · 2 wrong usage or input · 3 this machine or a "
-      "peer cannot do what was asked · 130 interrupted");
+      "Exit codes: 0 OK · 1 a stated requirement was missed · 2 invalid usage or input · 3 this machine or a "
+      "peer cannot do it · 130 interrupted");
 
   const std::pair<const char*, std::vector<void (*)(Command&)>> groups[] = {
       {"Measure", {add_run, add_ping, add_pong, add_listen, add_watch, add_scenarios, add_init}},
@@ -33,12 +34,12 @@ int main(int argc, char** argv) {
       add(app);
       app.subcommands().back()->group(group);
     }
-  // What the others start, by orders over standard input and output.
+  // Hidden commands: other commands start them, and send orders over standard input.
   const auto add_worker = [&](const char* name, const char* what, int (*serve)()) {
     app.add_subcommand(name, what)->group("")->calls(serve);
   };
   add_worker("agent", "One end of one run; started by run, ping and pong", ontime::agent::serve);
-  add_worker("keeper", "What belongs to a machine; started by run and ping", ontime::keeper::serve);
+  add_worker("keeper", "Settings and load of one machine; started by run and ping", ontime::keeper::serve);
   const auto failed = [](int code, const char* message) {
     print_error(message);
     return code;
@@ -52,7 +53,7 @@ int main(int argc, char** argv) {
   } catch (const ReaderGone&) {
     std::signal(SIGPIPE, SIG_DFL);
     std::raise(SIGPIPE);
-    return 128 + SIGPIPE;  // where it is blocked
+    return 128 + SIGPIPE;  // if SIGPIPE is blocked
   } catch (const ontime::record::WrongFile& error) {
     return failed(2, error.what());
   } catch (const std::exception& error) {

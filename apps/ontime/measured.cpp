@@ -28,19 +28,19 @@ namespace fs = std::filesystem;
 
 constexpr const char* mark_of_page = "<meta name=\"generator\" content=\"ontime";
 
-// A slip of the pen in what was asked for by name must not show only after hours. (A transport that a
-// scenario lists and this machine lacks costs its own runs only.)
+// Checked before the first run, so that a typo does not fail after hours. (A scenario's transport that this
+// machine lacks fails only its own runs.)
 void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
   for (const auto& name : names)
     if (std::ranges::find(here, name) == here.end())
-      throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here{}; there are: {}",
+      throw campaign::Error(3, fmt::format("--transports: transport '{}' is not installed{}; installed: {}",
                                            name, spelling::suggestion(name, here), fmt::join(here, ", ")));
 }
 
-using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the number of their run
+using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // with the run's number
 
-// Once, however often the runs are resumed.
+// Adds a note once, even if the runs are resumed again.
 void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes& notes) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text = fmt::format("{}: {}: {}", gate::word_of(judgement), judgement.gate, judgement.says);
@@ -51,7 +51,7 @@ void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes&
   notes.emplace_back(summary.run.number, summary.notes.back());
 }
 
-// From the first that is not known on, by what their scenario and the flags say; `notes`: what does not hold.
+// Judges the new runs, from `known` on, by their scenario and the flags. Adds to `notes` what does not hold.
 std::vector<gate::Judgement> judge(std::vector<statistics::Summary>& summaries, std::size_t known,
                                    const GateFlags& flags, const std::vector<gate::Gate>& gates,
                                    Notes& notes) {
@@ -67,17 +67,17 @@ std::vector<gate::Judgement> judge(std::vector<statistics::Summary>& summaries, 
   return judgements;
 }
 
-// A disk that is full takes them no more: that costs them, and not the table.
+// On a full disk the notes are lost, but the table is still shown.
 void keep(record::Writer& writer, const Notes& notes, Terminal& terminal) {
   try {
     for (const auto& [run, note] : notes) writer.note(run, note);
     writer.flush();
   } catch (const record::Error& error) {
-    terminal.note(fmt::format("what did not hold is not in the results: {}", error.what()));
+    terminal.note(fmt::format("missed requirements are not recorded in the results: {}", error.what()));
   }
 }
 
-// For people; what is asked for as JSON or CSV is nothing else.
+// Only in formats for people: JSON and CSV must stay one document.
 void explain_new(record::Writer& writer, std::size_t known, report::Format format) {
   if (format != report::Format::table && format != report::Format::markdown) return;
   const auto reader = writer.reader();
@@ -99,19 +99,19 @@ campaign::Selection Choice::checked() const {
 }
 
 void add_choice(Command& command, Choice& choice) {
-  add_list(command, "--only", choice.selection.only, "ID,...", "only these runs");
+  add_list(command, "--only", choice.selection.only, "ID,...", "only the runs with these ids");
   add_list(command, "--transports", choice.selection.transports, "TRANSPORT,...",
-           "these, instead of those of the scenario");
-  add_value(command, "--duration", choice.duration, "TIME", "of each run, instead of the scenario's");
-  command.add_flag(
-      "--explain", choice.selection.explain,
-      "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
+           "use these transports instead of the scenario's");
+  add_value(command, "--duration", choice.duration, "TIME",
+            "duration of each run, instead of the scenario's");
+  command.add_flag("--explain", choice.selection.explain,
+                   "record kernel events around late, lost and the worst messages, for `ontime explain`");
 }
 
 void add_cable(Command& command, Choice& choice) {
   add_list(command, "--cable", choice.selection.cable, "NAME,NAME",
-           "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
-           "by a cable, instead of a virtual one");
+           "with hosts: namespaces: use these two interfaces instead of a virtual link; they must be down, "
+           "and joined by a cable");
 }
 
 std::string new_results_file(const std::string& scenario) {
@@ -126,12 +126,11 @@ std::string new_results_file(const std::string& scenario) {
 
 void check_results(const std::string& file, bool resume) {
   if (!resume && fs::exists(fs::symlink_status(file)))
-    throw campaign::Error(2,
-                          fmt::format("--results: {} exists. Name another file, or measure what is missing "
-                                      "in it with --resume",
-                                      file));
+    throw campaign::Error(
+        2, fmt::format("--results: {} exists. Fix: name another file, or continue this one with --resume",
+                       file));
   if (const auto folder = fs::absolute(file).parent_path(); access(folder.c_str(), W_OK | X_OK) != 0)
-    throw campaign::Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", file,
+    throw campaign::Error(3, fmt::format("--results: {} cannot be written: {}. Fix: name another file", file,
                                          std::generic_category().message(errno)));
 }
 
@@ -143,9 +142,9 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
   if (fs::exists(path, none) &&
       !(fs::is_regular_file(path, none) && beginning_of(path, 1024).find(mark_of_page) != std::string::npos))
     throw campaign::Error(
-        2, fmt::format("{} is there and no page of ontime's. Name another: ontime report {} --format "
-                       "html --output FILE",
-                       path, results));
+        2,
+        fmt::format("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
+                    path, results));
   Output output(path);
   output.write(page::page_of(reader, summaries, fs::path(results).filename().string()));
   output.finish();
@@ -156,14 +155,14 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
   auto words = command_line().get<std::vector<std::string>>();
   if (!named) words.insert(words.end(), {"--results", results});
   if (!resumes) words.emplace_back("--resume");
-  return "to go on: " + table::shell_line(words);
+  return "to continue: " + table::shell_line(words);
 }
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.clear_line();
   auto summaries = statistics::summarise(measured.writer.reader());
-  if (summaries.size() == measured.known) return measured.code;  // ended before the first
+  if (summaries.size() == measured.known) return measured.code;  // no run was measured
   Notes notes;
   auto judgements = judge(summaries, measured.known, flags, gates, notes);
   if (flags.wanted() && !measured.unfinished.empty())
@@ -175,11 +174,11 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   try {
     terminal.note(fmt::format("results: {}; page: {}", measured.results,
                               write_page_beside(measured.results, measured.writer.reader(), summaries)));
-  } catch (const std::exception& error) {  // the samples are safe all the same
+  } catch (const std::exception& error) {  // the samples are already in the results file
     terminal.note(fmt::format("results: {}; no page: {}", measured.results, error.what()));
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
-  print(shown(fresh, format, full, measured.results));  // last, for a terminal shows the end
+  print(shown(fresh, format, full, measured.results));  // last, so that the terminal shows it
   if (full) explain_new(measured.writer, measured.known, format);
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What commands that carry out scenarios have in common: what they take of them, and what they show
-// afterwards.
+// What commands that run scenarios share: flags that choose runs, and the output afterwards.
 #pragma once
 
 #include <string>
@@ -22,17 +21,16 @@ struct Choice {
   campaign::Selection checked() const;  // throws Error that names the flag
 };
 void add_choice(Command&, Choice&);
-void add_cable(Command&, Choice&);  // --cable, of what is measured on this machine
+void add_cable(Command&, Choice&);  // --cable, for runs on this machine
 
-// Beside the user, named after what was run and when; an earlier one is never added to.
+// A new file in the current folder, named after the scenario and the time.
 std::string new_results_file(const std::string& scenario);
 
-// Throws Error where a new file cannot be made there: 2 if there is one and its runs are not to be resumed, 3
-// if its folder cannot be written.
+// Throws Error: 2 if the file exists and `resume` is false, 3 if its folder cannot be written.
 void check_results(const std::string& file, bool resume);
 
-// Those that are in the results from `known` on, the exit code of measuring them, and why not all were that
-// were to be; "": they were.
+// The runs in the results from `known` on, the exit code of measuring them, and why the measurement is
+// unfinished; "": it is complete.
 struct Measured {
   record::Writer& writer;
   const std::string& results;
@@ -40,18 +38,17 @@ struct Measured {
   int code;
   std::string unfinished{};
 };
-// Shows them, judges them, and makes the page; what does not hold goes into the results too. Returns the exit
-// code.
+// Shows and judges the runs, and writes the page. Missed requirements go into the results, too. Returns the
+// exit code.
 int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
                   const std::vector<gate::Gate>&, Terminal&);
 
-// The page of a results file, of these runs, all that are in it. Named after it, "demo.html" beside
-// "demo.ontime"; returns that name. An earlier page is replaced, but no other file: then, and where it cannot
-// be written, it throws.
+// Writes the page of a results file, with all its runs: "demo.html" beside "demo.ontime". Returns its name.
+// Replaces an earlier page, but throws for any other file, and if it cannot be written.
 std::string write_page_beside(const std::string& results, const record::Reader&,
                               const std::vector<statistics::Summary>&);
 
-// How the same command measures the runs that are missing in the results. `named`: whether it names them.
+// The command line that continues this measurement. `named`: whether the user stated --results.
 std::string to_go_on(const std::string& results, bool named, bool resumes);
 
 }  // namespace ontime::app

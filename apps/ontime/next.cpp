@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What `ontime` alone says: what to do next on this machine.
+// Output of `ontime` without a command: the next steps on this machine.
 #include <algorithm>
 #include <filesystem>
 #include <iterator>
@@ -43,7 +43,7 @@ int show_next() {
   const auto* shipped =
       std::ranges::find_first_of(transport::all_shipped, transports, {}, &transport::Shipped::name);
   const auto columns = reading_columns();
-  auto text = table::wrapped("Do a robot's messages arrive on time? Next on this machine:", columns);
+  auto text = table::wrapped("Do a robot's messages arrive on time? Next steps on this machine:", columns);
   const auto add = [&](const std::string& command, const std::string& what) {
     // The command stays whole, to be copied.
     if (columns < fewest_for_two)
@@ -54,14 +54,14 @@ int show_next() {
   if (const auto results = newest_results(); !results.empty())
     add("ontime report " + table::shell_line({results}), "the newest results in this folder");
   if (transports.empty())
-    add("ls ../lib/ontime", "no transport is installed: install ontime anew");
+    add("ls ../lib/ontime", "no transports: reinstall ontime");
   else
     add(fmt::format("ontime ping --transport {} --loopback",
                     shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),
-        "a first round trip, 10 s");
-  add("ontime check", "is it fit? " + fitness::counts_of(fitness::check({})));
+        "first round trips, 10 s");
+  add("ontime check", "machine: " + fitness::counts_of(fitness::check({})));
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
-  add("ontime init ROBOT", "a scenario with a second machine");
+  add("ontime init ROBOT", "write a scenario for two machines");
   add("source <(ontime completion bash)", "complete commands with Tab");
   add("ontime --help", "all commands");
   print(text);

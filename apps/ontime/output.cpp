@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// By the variable that decides, as setlocale(3) has it.
+// By the first variable that is set, as in setlocale(3).
 bool locale_is_utf8() {
   for (const auto* name : {"LC_ALL", "LC_CTYPE", "LANG"})
     if (const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nothing sets it
@@ -35,7 +35,7 @@ bool locale_is_utf8() {
 }  // namespace
 
 std::size_t output_columns() {
-  constexpr unsigned short fewest = 20;  // fewer are no terminal that is read
+  constexpr unsigned short fewest = 20;  // fewer cannot be read
   winsize size{};
   return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col >= fewest ? size.ws_col : 80;
 }
@@ -72,16 +72,17 @@ Output::Output(std::string path) : path_(std::move(path)) {
   std::error_code ignored;
   const bool to_stdout = path_.empty();
   const bool is_file = fs::is_regular_file(path_, ignored);
-  // What a slip of the pen must not cost: hours of measuring. An SQLite file says what it is.
+  // A typo must not replace hours of measurements. SQLite files begin with this mark.
   constexpr std::string_view mark = "SQLite format 3";
   if (is_file && beginning_of(path_, mark.size()) == mark)
-    throw campaign::Error(2, fmt::format("{} is a results file: it is not replaced. Name another.", path_));
+    throw campaign::Error(
+        2, fmt::format("{} is a results file and is not replaced. Fix: name another file", path_));
   if (to_stdout) {
     file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
   } else if (!is_file && fs::exists(path_, ignored)) {
     file_.reset(std::fopen(path_.c_str(), "we"));
   } else {
-    // One that was killed leaves its part, and a container counts its processes from 1 each time.
+    // A killed process leaves its part, and process numbers repeat in containers.
     auto number = ::getpid();
     do {
       part_ = fmt::format("{}.part-{}", path_, number++);
@@ -109,7 +110,7 @@ void Output::flush() {
 }
 
 void Output::finish() {
-  if (std::fclose(file_.release()) != 0) fail(errno);  // a disk far away may say only then that it is full
+  if (std::fclose(file_.release()) != 0) fail(errno);  // a network disk may report only now that it is full
   if (part_.empty()) return;
   if (std::rename(part_.c_str(), path_.c_str()) != 0) fail(errno);
   part_.clear();
@@ -124,7 +125,7 @@ void write_whole(const std::string& path, std::string_view text) {
 void Output::fail(int error) const {
   if (error == EPIPE && path_.empty()) throw ReaderGone();
   throw campaign::Error(
-      3, fmt::format("{} cannot be written: {}. Choose another file, or make room.",
+      3, fmt::format("{} cannot be written: {}. Fix: name another file, or free disk space",
                      path_.empty() ? "standard output" : path_, std::generic_category().message(error)));
 }
 

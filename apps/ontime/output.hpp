@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a command makes: a file, whole or not at all, or text on a terminal. Ordinary thread.
+// The output of a command: a complete file or none, or text on a terminal. Ordinary thread.
 #pragma once
 
 #include <cstdio>
@@ -12,39 +12,38 @@
 
 namespace ontime::app {
 
-// Columns of the terminal at standard output; 80 where there is none.
+// Columns of the terminal at standard output; 80 without a terminal.
 std::size_t output_columns();
-// To break lines at; npos where no terminal reads them, which may be a program.
+// Where to wrap lines; npos without a terminal, because a program may read them.
 std::size_t reading_columns();
-inline constexpr std::size_t fewest_for_two = 60;  // columns, to have names beside what they mean
-// As the terminal at this descriptor can show it: where its locale is no UTF-8, µ becomes u and ≥ becomes >=.
-// For a file or a pipe the text stays as it is.
+inline constexpr std::size_t fewest_for_two = 60;  // columns that a name beside its description needs
+// The text as the terminal at this descriptor can show it: without UTF-8, µ becomes u and ≥ becomes >=.
+// Unchanged for a file or a pipe.
 std::string for_terminal(std::string text, int descriptor);
 // For standard output.
 std::string for_output(std::string text);
 
-// Of a file that need not be there: its first so many bytes, and NUL after its end.
+// The first bytes of a file, filled with NUL; all NUL if the file is missing.
 std::string beginning_of(const std::string& path, std::size_t bytes);
 
-// The first screen of these runs, or with `full`, or in another form than a table, all of them.
+// The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
                   const std::string& results);
 
-// Standard output is a pipe, and its reader has left (`| head`): main() ends as SIGPIPE would have ended it.
+// The reader of standard output has closed the pipe (`| head`): main() then ends by SIGPIPE.
 struct ReaderGone {};
 
 class Output {
  public:
-  // An empty path: standard output. A file of that name is replaced once finish() has returned, and not
-  // before, and never if it is one of results; what is no file (a pipe, a device) is written to as it is. All
-  // throw campaign::Error, which names the file, or ReaderGone.
+  // An empty path: standard output. finish() replaces an existing file; a results file is never replaced. A
+  // pipe or a device is written directly. All throw campaign::Error, which names the file, or ReaderGone.
   explicit Output(std::string path);
   ~Output();
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
 
   void write(std::string_view);
-  void flush();  // what was written can be read now: of a file only after finish()
+  void flush();  // makes written text readable; a file only after finish()
   void finish();
 
  private:

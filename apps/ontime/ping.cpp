@@ -10,18 +10,19 @@
 namespace ontime::app {
 
 void add_ping(Command& app) {
-  auto* command =
-      app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the answer");
+  auto* command = app.add_subcommand(
+      "ping", "Runs the client: sends messages on a schedule, and measures their round trips");
   struct Arguments {
     std::string wait = "10 s", results, format = "table";
     bool loopback = false, full = false;
   };
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
-  command->add_option("--wait", arguments->wait, "how long to look for pong: 10 s")->type_name("TIME");
+  command->add_option("--wait", arguments->wait, "how long to wait for pong (default: 10 s)")
+      ->type_name("TIME");
   command
       ->add_flag("--loopback", arguments->loopback,
-                 "start pong too, on this machine: both ends, without another terminal")
+                 "also start pong on this machine; no second terminal is needed")
       ->excludes("--peer")
       ->excludes("--interface")
       ->excludes("--wait");
@@ -42,8 +43,7 @@ void add_ping(Command& app) {
                          ? campaign::execute(on_loopback, writer, terminal, interrupts, command_line())
                          : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
     terminal.clear_line();
-    // Also for a run that failed: what was measured until then. There is no run if no pong was there to
-    // measure with.
+    // Also shows what a failed run measured. Without a pong there is no run.
     const auto measured = statistics::summarise(writer.reader(), known);
     if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
     return code;

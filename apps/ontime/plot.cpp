@@ -43,7 +43,7 @@ struct PlotArguments {
 class Memory {
  public:
   explicit Memory(const char* what) : file_(::memfd_create(what, MFD_CLOEXEC)) {
-    if (file_ < 0) cannot("there is no memory for a figure");
+    if (file_ < 0) cannot("there is not enough memory for a figure");
   }
   ~Memory() { ::close(file_); }
   Memory(const Memory&) = delete;
@@ -53,12 +53,12 @@ class Memory {
   void hold(const std::string& text) {
     if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) ||
         ::lseek(file_, 0, SEEK_SET) != 0)
-      cannot("there is no memory for a figure");
+      cannot("there is not enough memory for a figure");
   }
   std::string text() const {
     std::string text(static_cast<std::size_t>(std::max<off_t>(::lseek(file_, 0, SEEK_END), 0)), '\0');
     if (::pread(file_, text.data(), text.size(), 0) != static_cast<ssize_t>(text.size()))
-      cannot("a figure is lost");
+      cannot("the figure cannot be read");
     return text;
   }
 
@@ -93,10 +93,12 @@ int plot(PlotArguments arguments) {
   Output output(arguments.output);
   auto summaries = chosen_summaries(reader, arguments.results, arguments.only);
   std::erase_if(summaries, [](const auto& summary) { return summary.sent == 0; });
-  if (summaries.empty()) throw Error(2, arguments.results + ": it has no measured messages to draw");
+  if (summaries.empty()) throw Error(2, arguments.results + ": no measured messages to draw");
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
-    throw Error(2, fmt::format("{} runs do not fit: --figure time holds {}. Choose them with --only.",
-                               summaries.size(), most_panels));
+    throw Error(
+        2,
+        fmt::format("--figure time draws at most {} runs, but {} are selected. Fix: choose runs with --only",
+                    most_panels, summaries.size()));
   if (plot.figure == Plot::Figure::neighbours && std::ranges::none_of(summaries, [](const auto& summary) {
         return summary.run.asked.task.neighbours.topics > 0;
       }))
@@ -116,7 +118,7 @@ Plot::Form form_of(const char* flag, const std::string& output) {
       {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
   const auto form = forms.find(std::filesystem::path(output).extension().string());
   if (form == forms.end())
-    throw Error(2, fmt::format("{}: '{}' ends in none of .svg, .pdf, .png", flag, output));
+    throw Error(2, fmt::format("{}: '{}' must end in .svg, .pdf or .png", flag, output));
   return form->second;
 }
 
@@ -131,9 +133,9 @@ std::string drawn(const std::string& commands) {
   } actions;
   posix_spawn_file_actions_adddup2(&actions, script.file(), STDIN_FILENO);
   posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
-  std::string name = "gnuplot", fresh = "--default-settings";  // whatever its owner prefers elsewhere
+  std::string name = "gnuplot", fresh = "--default-settings";  // ignores the user's gnuplot settings
   char* arguments[] = {name.data(), fresh.data(), nullptr};
-  // In a locale that lacks a sign of a figure gnuplot would warn of it.
+  // gnuplot warns of characters that the locale lacks.
   std::string locale = "LC_ALL=C.UTF-8";
   std::vector<char*> environment{locale.data()};
   for (auto** variable = environ; *variable != nullptr; ++variable)
@@ -141,34 +143,32 @@ std::string drawn(const std::string& commands) {
   environment.push_back(nullptr);
   pid_t process = 0;
   errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environment.data());
-  if (errno == ENOENT)
-    throw Error(3, "gnuplot is missing, which draws the figures: apt-get install gnuplot-nox");
+  if (errno == ENOENT) throw Error(3, "figures need gnuplot. Fix: sudo apt install gnuplot-nox");
   if (errno != 0) cannot("gnuplot cannot be started");
   int status = 0;
   while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
   }
   auto text = figure.text();
   if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || text.empty())
-    throw Error(
-        3,
-        "gnuplot could not draw the figure; what it said is above. ontime wants its version 5.4 or later.");
+    throw Error(3,
+                "gnuplot could not draw the figure; its error is above. ontime needs gnuplot 5.4 or later");
   return text;
 }
 
 void add_plot(Command& app) {
-  auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
+  auto* command = app.add_subcommand("plot", "Draws figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<PlotArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_file(*command, "--output", arguments->output,
-           "the figure: .svg, .pdf or .png (default: beside RESULTS, NAME-FIGURE.svg)");
+           "figure file: .svg, .pdf or .png (default: NAME-FIGURE.svg beside RESULTS)");
   command
-      ->add_option("--figure", arguments->figure,
-                   "time (round trips over time; the default), ccdf (share of messages slower than x), "
-                   "conditions (one row "
-                   "for each), payload or neighbours (round trip against it, or against their rate)")
+      ->add_option(
+          "--figure", arguments->figure,
+          "time (round trips over time), ccdf (exceedance), conditions (one row for each), payload (round "
+          "trip by payload) or neighbours (round trip by rate of background topics) (default: time)")
       ->type_name("FIGURE");
   add_only(*command, arguments->only, ",--runs");
-  command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");
+  command->add_flag("--wide", arguments->wide, "draw two columns wide, instead of one");
   command->calls([arguments] { return plot(*arguments); });
 }
 

@@ -23,7 +23,7 @@ void print_opened(const json& opened) {
                           fmt::join(facts, ", ")));
 }
 
-// Of each ping a run, without samples, which the pings have.
+// One run for each ping, without samples: ping has them.
 void write(record::Writer& writer, const campaign::Run& run, const json& closed) {
   auto asked = campaign::asked(run, {});
   asked["id"] = "pong";
@@ -41,17 +41,16 @@ void write(record::Writer& writer, const campaign::Run& run, const json& closed)
 }  // namespace
 
 void add_pong(Command& app) {
-  auto* command =
-      app.add_subcommand("pong", "The server's end: answers pings that come and go, until interrupted");
+  auto* command = app.add_subcommand("pong", "Runs the server: replies to ping's messages until Ctrl-C");
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::both);
   auto results = std::make_shared<std::string>();
   add_file(*command, "--results", *results,
-           "with --explain: keep what was seen in this file, for `ontime explain --pong`");
+           "with --explain: keep the traces in this file, for `ontime explain --pong`");
   command->calls([flags, results] {
     const auto run = flags->run();
     if (run.explain == results->empty())
-      throw campaign::Error(2, run.explain ? "--explain: where is it to be kept? Say --results FILE too"
-                                           : "--results: pong keeps nothing without --explain");
+      throw campaign::Error(2, run.explain ? "--explain needs --results FILE, where pong keeps its traces"
+                                           : "--results needs --explain: without it, pong records nothing");
     std::optional<record::Writer> writer;
     if (run.explain) writer.emplace(*results);
     Terminal terminal;

@@ -14,8 +14,8 @@
 namespace ontime::app {
 
 void add_report(Command& app) {
-  auto* command = app.add_subcommand(
-      "report", "The answer from a results file, its tables, and a page with figures of every message");
+  auto* command =
+      app.add_subcommand("report", "Shows a results file: summary, tables, or an HTML page with figures");
   struct Arguments {
     std::string results, format = "table", output;
     std::vector<std::string> only;
@@ -27,8 +27,8 @@ void add_report(Command& app) {
   add_report_format(*command, arguments->format, arguments->full);
   add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
-                    "each thread as the kernel reports it, instead of the times");
-  command->add_flag("--layers", arguments->layers, "what each layer costs, for runs with a baseline")
+                    "show each thread as the kernel reports it, instead of times");
+  command->add_flag("--layers", arguments->layers, "show the cost of each layer, for runs with a baseline")
       ->excludes("--threads");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->calls([arguments, flags] {

@@ -47,9 +47,8 @@ bool same(const nlohmann::json& one, const nlohmann::json& other, std::initializ
       names, [&](const char* name) { return record::at(one, name) == record::at(other, name); });
 }
 
-// What the results have of a suite that is to go on: runs that were measured to their end, with the same
-// conditions, repetition, text of the scenario and version of ontime. Throws Error{2} if one was so on
-// another machine, or under another kernel.
+// For --resume: finds the complete run with the same conditions, repetition, scenario text and version of
+// ontime. Throws Error{2} if that run was measured on another machine or kernel.
 campaign::Done done_in(const record::Reader& reader) {
   std::multimap<std::string, record::Run> complete;  // by key
   for (auto& run : reader.runs()) {
@@ -64,20 +63,17 @@ campaign::Done done_in(const record::Reader& reader) {
       for (const auto& [host, machine] : machines.items())
         if (!same(record::find(run.outcome.hosts, host).machine.document, machine,
                   {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
-          throw campaign::Error(
-              2,
-              fmt::format(
-                  "--resume: run {} of these results is of another machine, or of another kernel than the {} "
-                  "now is: one suite is of one. Begin a new file of results",
-                  run.number, host));
+          throw campaign::Error(2, fmt::format("--resume: run {} was measured on another machine or kernel "
+                                               "than the {}'s. Fix: start a new results file",
+                                               run.number, host));
       return &run.outcome.document;
     }
     return nullptr;
   };
 }
 
-// What is beside the runs: the robot's own messages; and the way out of the lab's machine, which each run
-// takes as soon as it is recorded.
+// Besides showing progress: listens to the robot's own messages (listen.topics), and sends each recorded run
+// out of the lab's machine.
 class Beside final : public Terminal {
  public:
   Beside(record::Writer& writer, std::string send_to) : writer_(writer), send_to_(std::move(send_to)) {}
@@ -94,7 +90,7 @@ class Beside final : public Terminal {
     listening_.reset();
   }
   void recorded(std::int64_t run) override {
-    if (listening_) ends_listening(true);  // the run ended before its time
+    if (listening_) ends_listening(true);  // the run ended early
     for (const auto& text : remarks_) {
       note("listen.topics: " + text);
       writer_.note(run, {"listening", "listen.topics: " + text, {}, {}});
@@ -128,10 +124,10 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   std::string unfinished;
   for (const auto& scenario : scenarios) {
     if (code == 130) break;
-    // Neither costs what was measured until then.
+    // After either error, what was measured until then is kept.
     try {
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line(), done));
-    } catch (const campaign::Error& error) {  // such as a host that is gone: the next may do without it
+    } catch (const campaign::Error& error) {  // such as a lost host, which the next scenario may not need
       terminal.note(unfinished = error.what());
       code = std::max(code, interrupts > 0 ? 130 : error.exit);
     } catch (const record::Error& error) {  // such as a full disk: nothing more can be recorded
@@ -152,28 +148,27 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
 void add_run(Command& app) {
   auto* command = app.add_subcommand(
       "run",
-      "Carries out scenarios: hosts, settings, load, round trips, the answer, and a page beside the results");
+      "Runs scenarios: applies settings and load, measures round trips, writes results and an HTML page");
   command->footer(
-      "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
-      "Read "
-      "a foreign one before you run it.");
+      "A scenario is code: it can name programs that run here, and files. Read a scenario from others before "
+      "you run it.");
   auto arguments = std::make_shared<RunArguments>();
   command
       ->add_option("SCENARIO", arguments->scenarios,
-                   "scenario files, folders of them, or names that `ontime scenarios` shows")
+                   "scenario files, folders, or names that `ontime scenarios` lists")
       ->required();
   add_choice(*command, arguments->choice);
   command->add_flag("--deploy", arguments->choice.selection.deploy,
-                    "copy this program to hosts reached by ssh, for the time of the run");
+                    "copy this program to the ssh hosts for the run, then remove it");
   add_cable(*command, arguments->choice);
   add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag(
           "--resume", arguments->resume,
-          "skip runs that these results already have in full: same conditions, repetition and scenario text")
+          "skip runs that are complete in these results: same conditions, repetition and scenario text")
       ->needs("--results");
   add_report_format(*command, arguments->format, arguments->full);
-  // The lab's machine measures; the caller shows, judges and keeps.
+  // For the lab's machine, which only measures; the caller shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
   command->add_option("--send-to", arguments->send_to, "each run, once it is recorded")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);

@@ -18,7 +18,7 @@ namespace {
 
 std::string transports_here() {
   const auto names = transport::available();
-  return names.empty() ? "none is installed" : fmt::format("here: {}", fmt::join(names, ", "));
+  return names.empty() ? "no transport is installed" : fmt::format("installed: {}", fmt::join(names, ", "));
 }
 
 }  // namespace
@@ -30,14 +30,15 @@ RunFlags::RunFlags(Command& app, Key::For end) {
     const bool is_transport = key.path == "transport";
     auto* option = flag.option =
         app.add_option(key.flag, flag.value, is_transport ? key.help + "; " + transports_here() : key.help);
-    if (key.values == "on|off") option->expected(0, 1);  // alone, it says on
+    if (key.values == "on|off") option->expected(0, 1);  // without a value: on
     option->type_name(is_transport ? "TRANSPORT" : key.values);
-    if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
+    if (key.path.starts_with("realtime.")) option->group("Real-time settings (each implies --realtime on)");
   }
-  add_value(app, "--interface", interface_, "NAME", "the link under test; messages take no other");
-  app.add_option("--peer", peers_, "where the other end is, for a transport that does not find it by itself")
+  add_value(app, "--interface", interface_, "NAME", "the link under test; messages use no other");
+  app.add_option("--peer", peers_, "address of the other end, for a transport without discovery")
       ->type_name("HOST[:PORT]");
-  app.add_option("--option", options_, "a transport's own; a wrong one lists them")->type_name("NAME=VALUE");
+  app.add_option("--option", options_, "option of the transport; an unknown NAME lists all")
+      ->type_name("NAME=VALUE");
 }
 
 campaign::Run RunFlags::run() const {
@@ -62,7 +63,7 @@ campaign::Run RunFlags::run() const {
   run.task.config.peers = peers_;
   run.task.config.interface = interface_;
   if (run.task.transport.empty())
-    throw Error(2, fmt::format("no transport is named: say --transport NAME; {}", transports_here()));
+    throw Error(2, fmt::format("--transport NAME is missing; {}", transports_here()));
   try {
     campaign::complete(run);
   } catch (const std::invalid_argument& error) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The flags of ping and pong that say what a run is: made from the table that scenario files are read by.
+// The flags of ping and pong that describe a run, made from the table of scenario keys.
 #pragma once
 
 #include <map>

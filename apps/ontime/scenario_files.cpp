@@ -28,7 +28,7 @@ bool is_there(const fs::path& path) {
   return fs::exists(path, ignored);
 }
 
-// A scenario is code: what lies in this folder by chance must not take the place of what is installed.
+// A scenario is code: a bare name means the installed scenario, never a file of the current folder.
 bool is_path(const std::string& name) {
   return name == "." || name == ".." || name.find('/') != std::string::npos || name.ends_with(suffix);
 }
@@ -49,8 +49,7 @@ std::vector<std::string> files_of(const std::string& name) {
   if (path.empty())
     throw campaign::Error(
         2,
-        fmt::format("{}: there is no such scenario, file or folder{} `ontime scenarios` shows those that "
-                    "came with ontime",
+        fmt::format("{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones",
                     name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
@@ -58,7 +57,7 @@ std::vector<std::string> files_of(const std::string& name) {
     if (entry.path().extension() == suffix) files.push_back(entry.path().string());
   std::ranges::sort(files);
   if (files.empty())
-    throw campaign::Error(2, fmt::format("{}: there is no scenario (*{}) in this folder", name, suffix));
+    throw campaign::Error(2, fmt::format("{}: this folder has no scenario (*{})", name, suffix));
   return files;
 }
 

@@ -19,7 +19,7 @@ using nlohmann::ordered_json;
 std::vector<std::string> own_files() {
   const auto own = own_scenarios();
   if (own.empty())
-    throw campaign::Error(3, "there are no scenarios beside this program: name a file or a folder");
+    throw campaign::Error(3, "no scenarios are installed with this program. Fix: name a file or a folder");
   std::vector<std::string> files;
   for (const auto& name : own_scenario_names()) files.push_back((own / (name + ".yaml")).string());
   return files;
@@ -70,14 +70,14 @@ std::string text_of(const std::vector<ordered_json>& lines) {
 }  // namespace
 
 void add_scenarios(Command& app) {
-  auto* command = app.add_subcommand("scenarios", "What there is to run, with a line each");
+  auto* command = app.add_subcommand("scenarios", "Lists scenarios with title, number of runs and duration");
   struct Arguments {
     std::vector<std::string> names;
     std::string format = "table";
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->names,
-                      "files or folders (default: those that came with ontime)");
+                      "scenario files, folders, or names (default: all installed scenarios)");
   add_format(*command, arguments->format);
   command->calls([arguments] {
     const bool as_json = is_json_flag(arguments->format);

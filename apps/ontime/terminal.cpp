@@ -39,12 +39,12 @@ std::size_t columns() {
 }
 
 std::string words(const roundtrip::Counters& counters) {
-  // Whether the answer that a skipped cycle waited for came in time, only the report works out.
+  // Only the report computes whether the reply that a skipped cycle waited for was in time.
   return fmt::format("{} late, {} lost, {} skipped of {} cycles", counters.late, counters.lost,
                      counters.skipped_cycles, counters.sent + counters.skipped_cycles);
 }
 
-// A full disk under a log must not end a measurement: what cannot be said is not said.
+// Ignores write errors: a full disk under a log must not stop a measurement.
 template <typename... Arguments>
 void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fputs(for_terminal(fmt::format(text, std::forward<Arguments>(arguments)...), STDERR_FILENO).c_str(),
@@ -52,8 +52,8 @@ void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fflush(stderr);
 }
 
-// Whatever a message brings from elsewhere (a type name from the network, a word of another machine) steers
-// no terminal; a line of ours stays a line, and no line but the first looks like one that ontime begins.
+// Text from elsewhere (a type name from the network, another machine's words) must not control the terminal.
+// Further lines are indented, so that only the first looks like a line of ontime.
 std::string lines_of(const std::string& text) {
   std::istringstream lines(text);
   std::string result;
@@ -71,7 +71,7 @@ void Terminal::clear_line() {
   line_open_ = false;
 }
 
-// Cut to the terminal: what went on to a second line could not be cleared.
+// Cut to the terminal's width: a second line could not be cleared.
 void Terminal::rewrite_line(const std::string& text) {
   clear_line();
   say("{:.{}}", for_terminal(text, STDERR_FILENO), columns() - 1);
@@ -159,7 +159,7 @@ nlohmann::json command_line() {
 
 void print(const std::string& text) {
   std::fputs(for_output(text).c_str(), stdout);
-  // A terminal that has closed is an interruption, and known to be one.
+  // A closed terminal is an interruption, which is already counted.
   if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
     throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
 }

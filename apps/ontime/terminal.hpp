@@ -9,11 +9,11 @@ namespace ontime::app {
 class Terminal : public campaign::Observer {
  public:
   Terminal();
-  // How many runs there will be, and how long they take together: so that it can be said how far it is.
+  // The number of runs and their total time, to show progress.
   void expect(std::size_t runs, std::chrono::duration<double> time);
   void note(const std::string& text) override;
-  void line(const std::string& text);   // of another ontime, which has said whose it is
-  void waits(const std::string& text);  // goes with whatever is said next
+  void line(const std::string& text);   // a line of another ontime, printed as it is
+  void waits(const std::string& text);  // the next output replaces it
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;
   void leaves_out(const campaign::Run&) override;
@@ -22,7 +22,7 @@ class Terminal : public campaign::Observer {
   void clear_line();  // before anything else is printed there
 
  private:
-  std::string next(const campaign::Run&);  // in words, with how far it is
+  std::string next(const campaign::Run&);  // the run's name and progress
   void rewrite_line(const std::string& text);
   const bool interactive_;
   bool line_open_ = false;
@@ -37,8 +37,7 @@ std::string about(std::chrono::duration<double>);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
 campaign::Interrupts& catch_interrupts();
-// The service manager stopped it: the last of them was SIGTERM, or one of its workers alone was told until
-// now.
+// Whether the service manager stopped it: the last signal was SIGTERM, or until now only a worker got one.
 bool was_stopped();
 
 // How this program was called, for the record.
@@ -46,7 +45,7 @@ nlohmann::json command_line();
 
 // To standard output, all of it, or throws Error.
 void print(const std::string& text);
-// As ASCII: what would steer a terminal is an escape of JSON then, and the same value.
+// As ASCII: control characters become JSON escapes, with the same value.
 template <class Json>
 void print_json(const Json& value) {
   print(value.dump(2, ' ', true, Json::error_handler_t::replace) + "\n");

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The settings of a machine by hand, for the robot itself and not only for a run.
+// Settings of a machine, applied by hand until revert or a reboot.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -33,7 +33,7 @@ settings::Link link_of(const TuneArguments& arguments) {
   return link;
 }
 
-// The keys of a scenario, by the table that scenarios are read by.
+// Reads NAME=VALUE by the table of scenario keys.
 void set(campaign::Run& run, const std::string& said) {
   const auto equals = said.find('=');
   if (equals == said.npos || equals == 0)
@@ -46,7 +46,7 @@ void set(campaign::Run& run, const std::string& said) {
     if (names.back() != name) continue;
     return read_flag("--set " + name, [&] { key.set(run, said.substr(equals + 1)); });
   }
-  throw Error(2, fmt::format("--set: there is no setting '{}'; there are: {}", name, fmt::join(names, ", ")));
+  throw Error(2, fmt::format("--set: unknown setting '{}'. Settings: {}", name, fmt::join(names, ", ")));
 }
 
 campaign::Run run_of(const TuneArguments& arguments) {
@@ -54,16 +54,15 @@ campaign::Run run_of(const TuneArguments& arguments) {
   const auto scenario = campaign::read_scenario(arguments.scenario, {{arguments.run}, {}, {}});
   for (const auto& run : scenario.runs) {
     if (run.isolation.any())
-      throw Error(
-          2,
-          fmt::format("--only: '{}' has isolation.*, which is for the time of a run only: `ontime run` keeps "
-                      "CPUs, and for good the kernel's command line does (`ontime check`). Say its kernel "
-                      "settings with --set",
-                      arguments.run));
+      throw Error(2,
+                  fmt::format("--only: run '{}' has isolation.*, which only `ontime run` applies. Fix: state "
+                              "its kernel settings with --set. To reserve CPUs permanently: `ontime check`",
+                              arguments.run));
     if (run.kernel != scenario.runs.front().kernel)
       throw Error(
-          2, fmt::format("--only: the runs called '{}' differ in their kernel settings; say them with --set",
-                         arguments.run));
+          2, fmt::format(
+                 "--only: the runs with id '{}' have different kernel settings. Fix: state them with --set",
+                 arguments.run));
   }
   return scenario.runs.front();
 }
@@ -73,7 +72,7 @@ std::string in_words(const settings::Change& change) {
     return fmt::format("{}: {}, once {} is on", change.setting->name, change.after,
                        change.setting->comes_with);
   return change.before == change.after
-             ? fmt::format("{}: {} is {} already", change.setting->name, change.thing.title(), change.after)
+             ? fmt::format("{}: {} is already {}", change.setting->name, change.thing.title(), change.after)
              : fmt::format("{}: {} from {} to {}", change.setting->name, change.thing.title(), change.before,
                            change.after);
 }
@@ -96,12 +95,12 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
 int apply(const TuneArguments& arguments) {
   auto run = run_of(arguments);
   for (const auto& said : arguments.sets) set(run, said);
-  if (run.kernel.empty()) throw Error(2, "nothing to set: state --set NAME=VALUE, or a scenario's run");
+  if (run.kernel.empty())
+    throw Error(2, "nothing to set. Fix: --set NAME=VALUE, or --scenario FILE --only ID");
   const auto link = link_of(arguments);
   for (const auto& setting : settings::table())
     if (setting.of_interface && link.interface.empty() && run.kernel.contains(setting.name))
-      throw Error(2, fmt::format("{} belongs to an interface: name it (--interface), or the peer that the "
-                                 "traffic goes to (--peer)",
+      throw Error(2, fmt::format("{} is a setting of an interface. Fix: --interface NAME, or --peer HOST",
                                  setting.name));
   if (!arguments.boot.empty()) {
     const auto form = settings::form_of(arguments.boot);
@@ -118,7 +117,7 @@ int apply(const TuneArguments& arguments) {
     print_lines(lines);
     return 0;
   }
-  // An interruption must not come between the last change and what keeps it.
+  // Signals are caught, so that none comes between the last change and keep().
   auto& interrupts = catch_interrupts();
   print_errors(journal::revert_abandoned(keeper::kinds()));
   journal::Journal journal(keeper::kinds());
@@ -170,10 +169,9 @@ int show(const TuneArguments& arguments) {
   return 0;
 }
 
-// Only who may read root's journal knows what root applied.
+// Only root can read root's journal, which lists what was applied.
 void need_root(const char* what) {
-  if (geteuid() != 0)
-    throw Error(3, fmt::format("tune {}: what was applied is root's to know: run as root", what));
+  if (geteuid() != 0) throw Error(3, fmt::format("tune {0} needs root. Fix: sudo ontime tune {0}", what));
 }
 
 int verify(const TuneArguments& arguments) {
@@ -181,7 +179,7 @@ int verify(const TuneArguments& arguments) {
   need_root("verify");
   const auto kept = journal::kept(keeper::kinds());
   if (kept.empty()) {
-    print_error("nothing was applied since the last boot: ontime tune apply");
+    print_error("nothing was applied since the last boot. See: ontime tune apply --help");
     return 1;
   }
   auto all = json::array();
@@ -213,8 +211,7 @@ int revert() {
   print_lines(given_back.done);
   print_errors(given_back.left);
   for (const auto& folder : journal::forgotten_directories(journal::time_of_boot()))
-    print_error(
-        fmt::format("{0} is a folder of an ontime that a power cut ended. Remove it: rm -r {0}", folder));
+    print_error(fmt::format("{0} is left from an ontime that a power cut ended. Fix: rm -r {0}", folder));
   if (given_back.done.empty() && given_back.left.empty()) print_error("nothing was applied");
   return given_back.finished ? 0 : 3;
 }
@@ -222,8 +219,8 @@ int revert() {
 }  // namespace
 
 void add_tune(Command& app) {
-  auto* command =
-      app.add_subcommand("tune", "Settings of this machine: the kernel's threads and its network path");
+  auto* command = app.add_subcommand(
+      "tune", "Shows and changes this machine's settings: kernel threads and network path");
   command->require_subcommand();
   std::string settings = "Settings:\n";
   for (const auto& setting : settings::table())
@@ -238,25 +235,26 @@ void add_tune(Command& app) {
   const auto add_place = [&](Command* to) {
     add_link(*to, arguments->interface, arguments->peer, "the interface, for settings of an interface");
     add_value(*to, "--namespace", arguments->network_namespace, "NAME",
-              "the network namespace of the interface, as in ip netns");
+              "network namespace of the interface, as in ip netns");
   };
-  auto* shown = add("show", "Every setting with its value, or why it cannot be set", show);
+  auto* shown = add("show", "Shows each setting with its value, or why it cannot be set", show);
   add_place(shown);
   add_format(*shown, arguments->format);
-  auto* applied = add("apply", "Sets; it lasts until revert or a reboot", apply);
-  add_value(*applied, "--set", arguments->sets, "NAME=VALUE", "a setting, such as ksoftirqd=60; repeatable");
+  auto* applied = add("apply", "Applies settings, until revert or a reboot", apply);
+  add_value(*applied, "--set", arguments->sets, "NAME=VALUE",
+            "apply this setting, such as ksoftirqd=60; repeatable");
   auto* scenario =
-      add_file(*applied, "--scenario", arguments->scenario, "kernel.* as a run of this scenario has it");
-  add_value(*applied, "--only,--run", arguments->run, "ID", "the id of that run")->needs("--scenario");
+      add_file(*applied, "--scenario", arguments->scenario, "apply kernel.* of a run of this scenario");
+  add_value(*applied, "--only,--run", arguments->run, "ID", "id of that run")->needs("--scenario");
   scenario->needs("--only");
   add_place(applied);
-  applied->add_flag("--dry-run", arguments->dry_run, "only print what would change");
+  applied->add_flag("--dry-run", arguments->dry_run, "print what would change; change nothing");
   add_value(*applied, "--print", arguments->boot, "FORM",
-            "only print what sets it at every boot: systemd, tmpfiles or shell")
+            "print what applies it at every boot: systemd, tmpfiles or shell; change nothing")
       ->excludes("--dry-run");
-  add_format(*add("verify", "Whether the applied values still hold; exit code 1 if not", verify),
+  add_format(*add("verify", "Checks whether applied values still hold; exits with 1 if not", verify),
              arguments->format);
-  add("revert", "Restores what apply changed, and what a killed ontime left",
+  add("revert", "Restores what apply changed, and what a killed ontime left changed",
       [](const TuneArguments&) { return revert(); });
   add_tune_search(*command);
 }

@@ -24,7 +24,7 @@ struct WatchArguments {
   std::string results, format = "table", metrics;
 };
 
-// Each time in the place of the last; where it goes to no terminal, the last alone.
+// Redraws in place on a terminal; otherwise prints only the last state.
 class Screen {
  public:
   void show(const std::string& text, bool last) {
@@ -49,7 +49,7 @@ class Screen {
 int follow(const WatchArguments& arguments) {
   const bool as_json = is_json_flag(arguments.format);
   const auto& interrupts = catch_interrupts();
-  ::setpriority(PRIO_PROCESS, 0, 19);  // what is measured comes first; the thread of the metrics inherits it
+  ::setpriority(PRIO_PROCESS, 0, 19);  // measuring comes first; the metrics thread inherits it
   const auto metrics = metrics_at(arguments.metrics);
   watch::Follower follower(arguments.results);
   Screen screen;
@@ -71,10 +71,10 @@ int follow(const WatchArguments& arguments) {
 
 void add_watch(Command& app) {
   auto* command =
-      app.add_subcommand("watch", "Follows a running measurement, from another terminal, until it ends");
+      app.add_subcommand("watch", "Follows a running measurement from another terminal until it ends");
   auto arguments = std::make_shared<WatchArguments>();
-  command->add_option("RESULTS", arguments->results, "the results file that it goes into")->required();
-  command->add_option("--format", arguments->format, "table, or json: an object a second: table")
+  command->add_option("RESULTS", arguments->results, "results file of the measurement")->required();
+  command->add_option("--format", arguments->format, "table, or json: one object per second (default: table)")
       ->type_name("FORMAT");
   add_metrics(*command, arguments->metrics);
   command->calls([arguments] { return follow(*arguments); });

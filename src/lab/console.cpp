@@ -11,8 +11,8 @@
 namespace ontime::lab {
 namespace {
 
-constexpr std::size_t most_lines = 30;          // a panic and its trace are some 25
-constexpr std::string_view cleared = "\033[K";  // what a line that is written anew begins with
+constexpr std::size_t most_lines = 30;          // a kernel panic and its trace take about 25
+constexpr std::string_view cleared = "\033[K";  // starts a line that is rewritten
 
 std::string bare(std::string line) {
   if (line.starts_with(cleared)) line.erase(0, cleared.size());

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a machine writes to a serial line, which is a file here: a pipe could be full, and the machine would
-// wait.
+// Reads what a machine writes to a serial line. The line is a file here, because the machine would wait for a
+// full pipe.
 #pragma once
 
 #include <filesystem>
@@ -13,11 +13,11 @@ namespace ontime::lab {
 class Console {
  public:
   explicit Console(const std::filesystem::path& file) : file_(file), input_(file, std::ios::binary) {}
-  // The lines that are whole since it was asked last; at the end of the machine also one that is not.
+  // The complete lines since the last call; `at_end`: also the incomplete last line.
   std::vector<std::string> lines(bool at_end = false);
-  // The one that is being written, or written anew: how far the machine is.
+  // The line that is being written or rewritten: the progress.
   std::string present() const;
-  // The last lines of all, for people.
+  // The last lines, for people.
   std::string tail() const;
 
  private:

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What it cannot do without; what ontime starts for a scenario, and a person looks around with.
+// Programs that the machine needs; programs that scenarios use, or a person in the shell.
 constexpr std::array needed = {"ip", "kmod"};
 constexpr std::array wanted = {"tc",   "nft",   "stress-ng", "iperf3", "ethtool", "sysctl", "chrt", "taskset",
                                "ps",   "bash",  "ls",        "cat",    "grep",    "sed",    "head", "tail",
@@ -24,7 +24,7 @@ constexpr std::array wanted = {"tc",   "nft",   "stress-ng", "iperf3", "ethtool"
                                "env",  "uname", "dmesg",     "nice",   "cp",      "mv",     "rm",   "mkdir",
                                "date", "perf",  "trace-cmd", "setpriv"};
 
-// Of the kernel's modules, with those that they need: those below these places.
+// The kernel's modules below these paths are copied, with their dependencies.
 constexpr std::array modules = {
     "kernel/net/core/",
     "kernel/net/sched/",
@@ -42,7 +42,7 @@ constexpr std::array modules = {
     "kernel/drivers/virtio/virtio_pci.ko",
     "kernel/drivers/char/virtio_console.ko"};
 
-// Loaded by hand, for there is no udev; whatever ontime asks of the network later the kernel loads by itself.
+// Loads the drivers itself, because there is no udev. The kernel loads network modules on demand.
 constexpr std::string_view start = R"sh(#!/bin/busybox sh
 # SPDX-License-Identifier: Apache-2.0
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root TERM=linux
@@ -64,7 +64,7 @@ modprobe {driver}
 for nic in {nics}; do
   left=1000
   until [ -e "/sys/class/net/$nic" ]; do
-    [ $((left -= 1)) -gt 0 ] || fail "there is no $nic: this kernel has no driver for the lab's {card}, take another --nic or --kernel"
+    [ $((left -= 1)) -gt 0 ] || fail "interface $nic is missing: this kernel has no driver for {card}. Fix: use another --nic or --kernel"
     /bin/busybox usleep 10000
   done
   {speed}
@@ -74,8 +74,8 @@ done
 /bin/busybox poweroff -f
 )sh";
 
-// The file of what takes the results is there a little before it can be opened. A line is closed when all
-// of it was sent.
+// The results' device exists a moment before it can be opened. Closing the serial line waits until all is
+// sent.
 constexpr std::string_view then_run = R"sh(modprobe -a virtio_pci virtio_console
 until [ -c {outlet} ] && (: >{outlet}) 2>/dev/null; do /bin/busybox usleep 10000; done
 exec 3>/dev/ttyS1
@@ -95,27 +95,23 @@ const char* driver_of(const std::string& nic) {
 std::string speed_of(const Machine& machine) {
   if (machine.nic_mbit_per_s == 0) return ":";
   if (program("ethtool").empty())
-    throw Error(
-        "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo "
-        "apt install ethtool)");
+    throw Error("the lab needs ethtool to set the speed of its NICs. Fix: sudo apt install ethtool");
   return fmt::format(
-      "ethtool -s \"$nic\" speed {0} duplex full autoneg off || fail \"$nic cannot be given the speed of the "
-      "scenario's wire, {0} Mbit/s: take another --nic\"",
+      "ethtool -s \"$nic\" speed {0} duplex full autoneg off || fail \"$nic cannot have the speed of the "
+      "scenario's wire, {0} Mbit/s. Fix: use another --nic\"",
       machine.nic_mbit_per_s);
 }
 
 void add_programs(Image& image) {
   const auto busybox = program("busybox");
-  if (busybox.empty())
-    throw Error("the lab's machine starts with busybox: install it (sudo apt install busybox-static)");
+  if (busybox.empty()) throw Error("the lab needs busybox. Fix: sudo apt install busybox-static");
   image.add(busybox, "/usr/bin/busybox");
   for (const auto* name : needed)
     if (const auto file = program(name); !file.empty())
       image.add_program(file);
     else
-      throw Error(
-          fmt::format("there is no {}, which the lab's machine needs: install it (sudo apt install {})", name,
-                      std::string_view(name) == "ip" ? "iproute2" : name));
+      throw Error(fmt::format("the lab needs {}. Fix: sudo apt install {}", name,
+                              std::string_view(name) == "ip" ? "iproute2" : name));
   for (const auto* name : wanted)
     if (const auto file = program(name); !file.empty()) image.add_program(file);
   image.add_link("/usr/sbin/modprobe", program("kmod"));
@@ -134,7 +130,7 @@ void add_ontime(Image& image) {
 void add_modules(Image& image, const Kernel& kernel) {
   const auto there = fs::path("/usr/lib/modules") / kernel.release;
   const auto add = [&](const std::string& name) { image.add(kernel.modules / name, there / name); };
-  std::ifstream dependencies(kernel.modules / "modules.dep");  // "MODULE: what it needs, all of it"
+  std::ifstream dependencies(kernel.modules / "modules.dep");  // "MODULE: all its dependencies"
   for (std::string line; std::getline(dependencies, line);) {
     const auto colon = line.find(':');
     const auto is_there = [&](std::string_view place) { return line.starts_with(place); };
@@ -152,7 +148,7 @@ void add_modules(Image& image, const Kernel& kernel) {
 Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<std::string>& command,
                const std::vector<File>& files) {
   Image image;
-  // As on this machine: folders of one name, wherever they are asked for.
+  // Links as on this machine, such as /bin to /usr/bin.
   for (const auto* name : {"bin", "sbin", "lib", "lib64"}) {
     image.add_folder(fs::path("/usr") / name);
     image.add_link(fs::path("/") / name, fs::path("usr") / name);

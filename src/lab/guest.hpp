@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What there is in the machine, and what it does when it starts.
+// The machine's files, and what it runs at boot.
 #pragma once
 
 #include <string>
@@ -11,13 +11,13 @@
 
 namespace ontime::lab {
 
-// The first line of its second serial line, when it is up; then comes what the command writes to standard
-// error; then this, with the command's exit code and for how many seconds the machine has been up.
+// The second serial line carries: `up` after boot; the command's standard error; `ended` with the command's
+// exit code and the machine's uptime in seconds.
 inline constexpr const char* up = "ontime lab: up";
 inline constexpr const char* ended = "ontime lab: ended ";
 
-// Every file of it: this ontime and its transports, the programs that it uses where this machine has them,
-// the modules of the kernel. No command: a shell at the console.
+// All files: this ontime with its transports, the programs that it uses if this machine has them, the
+// kernel's modules. Without a command: a shell at the console.
 Image image_of(const Machine&, const Kernel&, const std::vector<std::string>& command,
                const std::vector<File>&);
 

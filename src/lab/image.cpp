@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where it is when all links to folders are followed, and still by its own name, by which it is asked for.
+// The path with links to folders resolved; the last name stays, because programs look for it.
 fs::path place_of(const fs::path& here) {
   return fs::canonical(fs::absolute(here).parent_path()) / here.filename();
 }
@@ -33,7 +33,7 @@ bool is_elf(const fs::path& file) {
          magic[1] == 'E' && magic[2] == 'L' && magic[3] == 'F';
 }
 
-// Of what ldd says: "libz.so.1 => /lib/x86_64-linux-gnu/libz.so.1 (0x…)", "/lib64/ld-linux-x86-64.so.2
+// From lines of ldd: "libz.so.1 => /lib/x86_64-linux-gnu/libz.so.1 (0x…)", "/lib64/ld-linux-x86-64.so.2
 // (0x…)".
 std::vector<fs::path> libraries_of(const fs::path& object) {
   std::istringstream lines;
@@ -45,7 +45,7 @@ std::vector<fs::path> libraries_of(const fs::path& object) {
   std::vector<fs::path> libraries;
   for (std::string line; std::getline(lines, line);) {
     if (line.find("=> not found") != line.npos)
-      throw Error(fmt::format("{} lacks a library here, and would there:{}", object.string(), line));
+      throw Error(fmt::format("{} needs a library that is missing here:{}", object.string(), line));
     const auto begin = line.find('/'), end = line.rfind(" (0x");
     if (begin != line.npos && end != line.npos && begin < end)
       libraries.emplace_back(line.substr(begin, end - begin));
@@ -59,7 +59,7 @@ void check(archive* of, int result, const fs::path& file) {
   if (result >= ARCHIVE_OK) return;
   const auto error = archive_errno(of);
   throw Error(fmt::format(
-      "the machine's files cannot be written to {}: {}: make room, or name another folder with TMPDIR",
+      "the lab's files cannot be written to {}: {}. Fix: free disk space, or set TMPDIR to another folder",
       file.string(), error > 0 ? std::generic_category().message(error) : archive_error_string(of)));
 }
 
@@ -87,8 +87,7 @@ void Image::add_link(const Path& there, const Path& target) {
 void Image::add(const Path& here, const Path& there) {
   if (fs::is_directory(here)) return add_folder(there);
   if (!fs::is_regular_file(here) || access(here.c_str(), R_OK) != 0)
-    throw Error(
-        fmt::format("{}: there is no such file that could be brought into the machine", here.string()));
+    throw Error(fmt::format("{}: not a readable file to copy into the lab's machine", here.string()));
   put(there, {here, "", AE_IFREG, access(here.c_str(), X_OK) == 0 ? 0755U : 0644U});
 }
 
@@ -130,7 +129,7 @@ void Image::write(const Path& file) const {
     archive_entry_set_filetype(header.get(), entry.type);
     archive_entry_set_perm(header.get(), entry.permissions);
     if (entry.type == AE_IFLNK) archive_entry_set_symlink(header.get(), content.c_str());
-    // Of a folder and a link it is to be said as well.
+    // libarchive needs a size for folders and links, too.
     archive_entry_set_size(header.get(),
                            entry.type == AE_IFREG ? static_cast<la_int64_t>(content.size()) : 0);
     check(archive.get(), archive_write_header(archive.get(), header.get()), file);
@@ -144,7 +143,7 @@ void Image::write(const Path& file) const {
 fs::path program(const std::string& name) {
   const char* path = std::getenv("PATH");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   std::istringstream folders(std::string(path == nullptr ? "" : path) + ":/usr/sbin:/usr/bin:/sbin:/bin");
-  std::error_code unseen;  // others' folders are no reason to fail
+  std::error_code unseen;  // unreadable folders are skipped
   for (std::string folder; std::getline(folders, folder, ':');)
     if (auto file = fs::path(folder) / name;
         folder.starts_with('/') && fs::is_regular_file(file, unseen) && access(file.c_str(), X_OK) == 0)

@@ -22,7 +22,7 @@ using background::output_of;
 using namespace std::chrono_literals;
 
 using Told = std::function<void(const std::string&)>;
-constexpr std::uint64_t unpacked_bytes = 500'000'000;  // with the package beside it
+constexpr std::uint64_t unpacked_bytes = 500'000'000;  // including the package
 constexpr auto time_to_ask = 300s, time_to_fetch = 600s, time_to_unpack = 300s;
 
 fs::path cache() {
@@ -34,23 +34,24 @@ fs::path cache() {
   if (!folder.is_absolute()) folder = variable("HOME") / ".cache";
   if (!folder.is_absolute())
     throw Error(
-        "the lab keeps its kernel in a cache folder, and neither XDG_CACHE_HOME nor HOME says where that is");
+        "the lab needs a cache folder for its kernel, but neither XDG_CACHE_HOME nor HOME is an absolute "
+        "path");
   return folder / "ontime" / "kernels";
 }
 
-// A user who can write there runs code in the machine, as its root.
+// A user who can write there could run code as root in the machine.
 void check_own(const fs::path& folder) {
   struct stat found {};
   if (lstat(folder.c_str(), &found) != 0 || !S_ISDIR(found.st_mode))
-    throw Error(fmt::format("{}, where the lab keeps its kernels, is no folder", folder.string()));
+    throw Error(fmt::format("the lab's kernel cache {} is not a folder", folder.string()));
   if (found.st_uid != geteuid() || (found.st_mode & (S_IWGRP | S_IWOTH)) != 0)
     throw Error(
-        fmt::format("{}, where the lab keeps its kernels, can be written by others: take their rights away, "
-                    "or name another folder with XDG_CACHE_HOME",
+        fmt::format("other users can write to the lab's kernel cache {}. Fix: remove their rights, or set "
+                    "XDG_CACHE_HOME to another folder",
                     folder.string()));
 }
 
-// Of all that apt says, why it did not.
+// The errors in apt's output.
 std::string reason_of(const std::string& said) {
   std::string reason;
   std::istringstream lines(said);
@@ -65,12 +66,12 @@ struct NotToBeHad : Error {
 };
 NotToBeHad not_to_be_had(const std::string& package, const std::string& why) {
   return NotToBeHad(
-      fmt::format("the kernel package {} is not available here: {}. It is one of Debian 12's, and comes over "
-                  "the network: sudo apt update, and try again",
+      fmt::format("the kernel package {} is not available here: {}. It is a package of Debian 12. Fix: check "
+                  "the network, run sudo apt update, and try again",
                   package, reason_of(why)));
 }
 
-// What a command of apt's says of a package.
+// The output of an apt command for a package.
 std::string said_of(const std::string& package, const std::vector<std::string>& command,
                     std::chrono::nanoseconds limit) {
   try {
@@ -80,7 +81,7 @@ std::string said_of(const std::string& package, const std::vector<std::string>& 
   }
 }
 
-// "linux-image-rt-amd64" only names the present one.
+// "linux-image-rt-amd64" only depends on the current kernel package.
 std::string present_one(const std::string& package) {
   std::istringstream lines(said_of(package, {"apt-cache", "depends", "--important", package}, time_to_ask));
   for (std::string word; lines >> word;)
@@ -104,14 +105,14 @@ Download download_of(const std::string& package) {
         download.file.ends_with(".deb") && download.file.find('/') == download.file.npos)
       return download;
   }
-  throw not_to_be_had(package, "apt knows no address of it");
+  throw not_to_be_had(package, "apt has no address to download it from");
 }
 
 void check_room(const fs::path& folder) {
   if (const auto free = fs::space(folder).available; free < unpacked_bytes)
     throw Error(
-        fmt::format("the lab's kernel takes {} MB in {}, and {} MB are free there: make room, or name "
-                    "another folder with XDG_CACHE_HOME",
+        fmt::format("the lab's kernel needs {} MB in {}, but {} MB are free. Fix: free disk space, or set "
+                    "XDG_CACHE_HOME to another folder",
                     unpacked_bytes / 1'000'000, folder.string(), free / 1'000'000));
 }
 
@@ -122,10 +123,10 @@ Kernel kernel_in(const fs::path& folder) {
     const auto image = folder / "boot" / ("vmlinuz-" + release);
     if (fs::exists(image)) return {release, folder.filename().string(), image, entry.path()};
   }
-  throw Error(fmt::format("there is no kernel in {}: remove it, and it is fetched anew", folder.string()));
+  throw Error(fmt::format("{0} has no kernel. The lab downloads it again after: rm -r {0}", folder.string()));
 }
 
-// Whole, or not at all: it gets its name last.
+// Complete or not at all: renames the folder last.
 void unpack(const fs::path& package, const fs::path& folder) {
   const auto unfinished = package.parent_path() / "unpacked";
   output_of({"dpkg-deb", "--extract", package.string(), unfinished.string()}, "dpkg", time_to_unpack);
@@ -134,11 +135,11 @@ void unpack(const fs::path& package, const fs::path& folder) {
   fs::rename(unfinished, folder);
 }
 
-// Gone when it ends, with what is in it.
+// A temporary folder, removed with its files.
 struct Unfinished {
   explicit Unfinished(std::string pattern) : folder(std::move(pattern)) {
     if (mkdtemp(folder.data()) == nullptr)
-      throw Error(fmt::format("{} cannot be made: {}", folder, std::generic_category().message(errno)));
+      throw Error(fmt::format("{} cannot be created: {}", folder, std::generic_category().message(errno)));
   }
   ~Unfinished() {
     std::error_code ignored;
@@ -155,7 +156,7 @@ Kernel present_kernel(const std::string& package, const fs::path& folder, const 
   const auto kept = folder / fs::path(download.file).stem();
   if (fs::exists(kept)) return kernel_in(kept);
   check_room(folder);
-  told(fmt::format("fetching {}, {} MB, by apt, and unpacking it into {}, which takes {} MB", name,
+  told(fmt::format("downloading {} ({} MB) with apt, and unpacking it into {} ({} MB)", name,
                    download.bytes / 1'000'000, folder.string(), unpacked_bytes / 1'000'000));
   const Unfinished unfinished((folder / "unfinished-XXXXXX").string());
   said_of(name, {"sh", "-c", "cd \"$1\" && exec apt-get download \"$2\"", "sh", unfinished.folder, name},
@@ -171,7 +172,7 @@ Kernel fetch_kernel(const std::string& package, const Told& told) {
   std::error_code failed;
   if (fs::create_directories(folder, failed); failed)
     throw Error(fmt::format(
-        "{}, where the lab keeps its kernels, cannot be made: {}: name another folder with XDG_CACHE_HOME",
+        "the lab's kernel cache {} cannot be created: {}. Fix: set XDG_CACHE_HOME to another folder",
         folder.string(), failed.message()));
   check_own(folder);
   try {
@@ -184,10 +185,10 @@ Kernel fetch_kernel(const std::string& package, const Told& told) {
       if (its == package && (last.empty() || entry.last_write_time() > fs::last_write_time(last)))
         last = entry.path();
       if (its != package && its != kept)
-        others += fmt::format(". One was kept, which --kernel {} takes", its);
+        others += fmt::format(". Another kernel is in the cache: --kernel {}", its);
     }
     if (last.empty()) throw Error(error.what() + others);
-    told(fmt::format("{}. Taken is the last that was kept, {}", error.what(), last.filename().string()));
+    told(fmt::format("{}. The lab uses the newest in its cache, {}", error.what(), last.filename().string()));
     return kernel_in(last);
   }
 }

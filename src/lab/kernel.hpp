@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A kernel of Debian's, as apt has it: downloaded and verified by apt, unpacked and kept in the user's cache
-// folder, installed nowhere.
+// A kernel package of Debian: apt downloads and verifies it; it is unpacked in the user's cache folder, and
+// not installed.
 #pragma once
 
 #include <filesystem>
@@ -16,9 +16,9 @@ struct Kernel {
   std::filesystem::path modules;  // …/lib/modules/RELEASE
 };
 
-// That of the package, or of the one that it depends on, in the version that apt would install; fetched if it
-// is not there yet, which is told. Where apt cannot: one of that package that is there, which is told as
-// well. Throws Error.
+// The kernel of the package, or of the package that it depends on, in the version that apt would install.
+// Downloads it if the cache lacks it. If apt cannot: the newest of that package in the cache. `told` gets a
+// line in both cases. Throws Error.
 Kernel fetch_kernel(const std::string& package, const std::function<void(const std::string&)>& told);
 
 }  // namespace ontime::lab

@@ -39,13 +39,13 @@ struct Prepared {
   std::function<std::vector<std::string>(Accelerator)> command;  // QEMU's
 };
 
-// Linux unpacks them into half of its memory at most, and what the command leaves goes there too.
+// Linux unpacks the files into at most half of its memory; the command's files are stored there, too.
 void check_room(const Machine& machine, std::uint64_t files_bytes) {
   constexpr std::uint64_t for_all_else = std::uint64_t{256} << 20U;
   if (const auto needed = 2 * files_bytes + for_all_else; machine.memory_bytes < needed)
     throw Error(
-        fmt::format("the lab's machine is to have {} MiB of memory, and with its files, which take {}, it "
-                    "needs {}: give it more (--memory), or bring less (--with)",
+        fmt::format("the lab's machine has {} MiB of memory. Its {} MiB of files need {} MiB. Fix: increase "
+                    "--memory, or copy less --with",
                     machine.memory_bytes >> 20U, files_bytes >> 20U, needed >> 20U));
 }
 
@@ -81,15 +81,15 @@ class Running {
         arrived_(machine.files.arrived),
         qemu_(started(machine.command(accelerator))) {}
 
-  // Whether it is up, after so long at most.
+  // Waits until it is up, but not longer than `within`.
   bool comes_up(std::chrono::seconds within) {
     while (!up_ && !ended_ && since(start_) < within) look();
     return up_;
   }
   Outcome watch() {
-    if (!comes_up(time_to_boot)) fail(ended_ ? "it ended before it was up" : "it does not come up");
+    if (!comes_up(time_to_boot)) fail(ended_ ? "it stopped during boot" : "its boot timed out");
     while (!ended_) look();
-    if (!outcome_) fail("it ended before its command did");
+    if (!outcome_) fail("it stopped before its command ended");
     return *outcome_;
   }
 
@@ -108,7 +108,7 @@ class Running {
     return qemu.pid;
   }
 
-  // Of another machine before it, whose lines are not this one's.
+  // Removes the file of an earlier machine.
   static const fs::path& emptied(const fs::path& file) {
     fs::remove(file);
     return file;
@@ -137,7 +137,7 @@ class Running {
     std::istringstream text(code_and_uptime);
     int code = 0;
     double uptime_s = 0;
-    if (!(text >> code >> uptime_s)) fail("it ended before its command did");
+    if (!(text >> code >> uptime_s)) fail("it stopped before its command ended");
     return {code,
             std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(uptime_s)),
             since(start_)};
@@ -154,14 +154,13 @@ class Running {
   std::optional<Outcome> outcome_;
 };
 
-// Under KVM, where it is to run in this machine's time and does come up so; else emulated.
+// Under KVM if the machine is live and boots under it; otherwise emulated.
 std::unique_ptr<Running> started(const Machine& machine, const Prepared& prepared, const Observer& observer) {
   if (!machine.deterministic && may_use_kvm()) {
     auto by_kvm = std::make_unique<Running>(prepared, Accelerator::kvm, observer);
     if (by_kvm->comes_up(time_to_boot_by_kvm)) return by_kvm;
-    observer.note(
-        fmt::format("KVM is here, but in {} the lab's machine did not come up under it: it is emulated",
-                    time_to_boot_by_kvm));
+    observer.note(fmt::format("the lab's machine did not boot under KVM within {}. QEMU emulates it instead",
+                              time_to_boot_by_kvm));
   }
   return std::make_unique<Running>(prepared, Accelerator::emulation, observer);
 }
@@ -183,11 +182,11 @@ void shell(const Machine& machine, journal::Journal& journal, const Observer& ob
   const auto cannot_be_started = [&](int error) {
     return Error(fmt::format("{} cannot be started: {}", words[0], std::generic_category().message(error)));
   };
-  std::array<int, 2> told{};  // why it cannot be: closed where it can
+  std::array<int, 2> told{};  // gets the error if exec fails; exec closes it
   if (pipe2(told.data(), O_CLOEXEC) != 0) throw cannot_be_started(errno);
   const pid_t self = getpid(), pid = fork();
   if (pid == 0) {
-    prctl(PR_SET_PDEATHSIG, SIGKILL);  // it does not outlive us, however we end
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // QEMU ends with this process
     if (getppid() == self) execvp(words[0], words.data());
     const int error = errno;
     [[maybe_unused]] const auto written = write(told[1], &error, sizeof error);

@@ -21,11 +21,11 @@ namespace fs = std::filesystem;
 
 constexpr const char* qemu = "qemu-system-x86_64";
 constexpr const char* package = "qemu-system-x86";
-// CPUs whose instructions are counted take turns, each until some timer of QEMU's is due: this one, of a
-// filter that has nothing to hold back, is there for nothing else.
+// CPUs with counted instructions take turns; a turn ends when a timer of QEMU is due. The timer of an
+// otherwise unused filter keeps turns short.
 constexpr int turn_us = 10;
-// Into nowhere: only while it records do QEMU's other threads wait until the instructions before a halt are
-// counted. A thread that looks in between moves the machine's clock too early, and its times differ. QEMU
+// Records to /dev/null: only while recording do QEMU's other threads wait until the instructions before a
+// halt are counted. Otherwise a thread can advance the machine's clock too early, and times differ. QEMU
 // refuses it with more than one CPU.
 constexpr const char* recording = ",rr=record,rrfile=/dev/null";
 constexpr std::array all_nics = {"e1000e", "virtio", "igb"};
@@ -40,7 +40,7 @@ std::string answer(const std::vector<std::string>& command) {
   }
 }
 
-// A comma ends a value there, and two of them are one.
+// QEMU writes a comma in a value as two.
 std::string escaped(const fs::path& path) {
   std::string result;
   for (const char c : path.string()) result += c == ',' ? std::string(",,") : std::string(1, c);
@@ -53,8 +53,8 @@ void check_memory(const Machine& machine) {
   for (std::string word; text >> word;)
     if (word == "MemAvailable:" && text >> kib && kib * 1024 < machine.memory_bytes)
       throw Error(
-          fmt::format("the lab's machine is to have {} MiB of memory, and {} MiB are free here: give it less "
-                      "(--memory), or end what takes it",
+          fmt::format("the lab's machine needs {} MiB of memory, but {} MiB are free. Fix: reduce --memory, "
+                      "or stop other programs",
                       machine.memory_bytes >> 20U, kib >> 10U));
 }
 
@@ -66,8 +66,8 @@ bool takes_turns(const std::string& version) {
 }
 
 std::string kernel_words(const Machine& machine, Accelerator accelerator, const std::string& version) {
-  std::string time = accelerator == Accelerator::kvm ? "KVM, in this time" : "in this time";
-  if (machine.deterministic) time = "its time by counted instructions, 2 ns each";
+  std::string time = accelerator == Accelerator::kvm ? "KVM, live time" : "live time";
+  if (machine.deterministic) time = "time from counted instructions, 2 ns each";
   if (machine.deterministic && machine.cpus > 1) time += fmt::format(", {} CPUs in turn", machine.cpus);
   const auto what = fmt::format("QEMU {}, {}, {}", version, machine.nic, time);
   return fmt::format("console=ttyS0 quiet panic=-1 {}{}",
@@ -83,26 +83,23 @@ std::string check_qemu(const Machine& machine) {
   utsname here{};
   uname(&here);
   if (std::string_view(here.machine) != "x86_64")
-    throw Error(
-        fmt::format("the lab's machine is an x86_64, and this one is {}: its programs would not run there",
-                    here.machine));
+    throw Error(fmt::format("the lab needs an x86_64 machine, but this one is {}", here.machine));
   const auto said = answer({qemu, "--version"});
   if (answer({qemu, "-device", "help"}).find(fmt::format("name \"{}\"", device_of(machine.nic))) == said.npos)
-    throw Error(
-        fmt::format("this QEMU has no {}: {}. Debian 12's has igb only from bookworm-backports (sudo apt "
-                    "install -t bookworm-backports {})",
-                    machine.nic, said.substr(0, said.find('\n')), package));
+    throw Error(fmt::format(
+        "this QEMU has no {}: {}. Fix for igb on Debian 12: sudo apt install -t bookworm-backports {}",
+        machine.nic, said.substr(0, said.find('\n')), package));
   check_memory(machine);
   constexpr std::string_view before = "version ";
   const auto begin = said.find(before);
-  if (begin == said.npos) throw Error(fmt::format("{} does not say its version, but: {}", qemu, said));
+  if (begin == said.npos) throw Error(fmt::format("{} does not print its version, but: {}", qemu, said));
   auto version = said.substr(begin + before.size());
   version.erase(std::min(version.find_first_of(" \n"), version.size()));
   if (machine.deterministic && machine.cpus > 1 && !takes_turns(version))
-    throw Error(fmt::format(
-        "QEMU {} lets the first of {} CPUs whose instructions are counted run for ever, and Linux does not "
-        "start: take one that is newer than 8.0 (sudo apt install -t bookworm-backports {}), or --cpus 1",
-        version, machine.cpus, package));
+    throw Error(
+        fmt::format("QEMU {} cannot boot {} CPUs with --deterministic. Fix: use QEMU later than 8.0 (sudo "
+                    "apt install -t bookworm-backports {}), or --cpus 1",
+                    version, machine.cpus, package));
   return version;
 }
 
@@ -126,7 +123,7 @@ std::vector<std::string> qemu_command(const Machine& machine, Accelerator accele
   if (accelerator == Accelerator::kvm) add({"-cpu", "host"});
   add({"-kernel", kernel.string(), "-initrd", files.image.string(), "-append",
        kernel_words(machine, accelerator, version)});
-  // In slots with some between them, for igb's virtual functions; not looked at by the firmware.
+  // Slots are apart, for igb's virtual functions; without ROM, the firmware skips the NICs.
   for (int end = 0; end < 2; ++end)
     add({"-netdev", fmt::format("hubport,hubid=0,id=n{}", end), "-device",
          fmt::format("{},netdev=n{},mac=52:54:00:00:00:0{},addr={},romfile=", device_of(machine.nic), end,
@@ -135,8 +132,8 @@ std::vector<std::string> qemu_command(const Machine& machine, Accelerator accele
     add({"-serial", "mon:stdio"});
   } else {
     for (const auto& line : {files.console, files.words}) add({"-serial", "file:" + escaped(line)});
-    // No disk: the firmware would read it, and when that ends is a matter of this machine's time.
-    // Without ioeventfd what is written there is taken at once, and not when this machine comes to it.
+    // No disk: the firmware would read it, for a time that varies. ioeventfd=off: writes are handled at once,
+    // not when another thread runs.
     add({"-chardev", "file,id=results,path=" + escaped(files.results), "-device",
          "virtio-serial-pci,addr=c,ioeventfd=off", "-device", "virtserialport,chardev=results"});
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// QEMU's side of the machine.
+// QEMU's command line for the machine.
 #pragma once
 
 #include <filesystem>
@@ -10,7 +10,7 @@
 
 namespace ontime::lab {
 
-// Where the machine's files are, in a folder that goes with it.
+// The machine's files, in its temporary folder.
 struct Files {
   explicit Files(const std::filesystem::path& folder)
       : image(folder / "image"),
@@ -19,20 +19,19 @@ struct Files {
         console(folder / "console"),
         words(folder / "words") {}
   std::filesystem::path image;
-  std::filesystem::path results, arrived;  // all that was sent, and the one of them that is looked at
+  std::filesystem::path results, arrived;  // all sent files; the one that is being read
   std::filesystem::path console, words;
 };
 
-// The version of the QEMU that is here. Throws Error if there is none, if it has no such NIC, or if this
-// machine is not one whose programs it could run.
+// Returns QEMU's version. Throws Error if QEMU or the NIC is missing, or if this machine is not an x86_64.
 std::string check_qemu(const Machine&);
 
-// Who carries the machine's instructions out. That /dev/kvm opens does not say that a machine comes up under
-// it.
+// What executes the machine's instructions. That /dev/kvm opens does not prove that a machine boots under
+// KVM.
 enum class Accelerator { emulation, kvm };
 bool may_use_kvm();
 
-// Its command. `at_terminal`: the console is the terminal, and nothing takes results.
+// QEMU's command. `at_terminal`: the console is the terminal, and results are not sent.
 std::vector<std::string> qemu_command(const Machine&, Accelerator, const std::string& version,
                                       const std::filesystem::path& kernel, const Files&, bool at_terminal);
 

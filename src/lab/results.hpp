@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The runs that leave the machine, one after the other, while it goes on.
+// Sends runs out of the machine, one by one, while it runs.
 #pragma once
 
 #include <cstdint>
@@ -7,16 +7,16 @@
 
 namespace ontime::lab {
 
-// The machine's side. Adds a results file to `out`, its length before it: 8 bytes, the least first. Throws
+// The machine's side. Appends a results file to `out`, after its length: 8 bytes, little-endian. Throws
 // Error.
 void send(const std::filesystem::path& results, const std::filesystem::path& out);
 
-// This side, of a file that grows.
+// This side: reads a growing file.
 class Arrivals {
  public:
   explicit Arrivals(std::filesystem::path file) : file_(std::move(file)) {}
-  // Writes the next results file to `into`, once it is whole; false: it is not yet. Throws Error if it cannot
-  // be written.
+  // Writes the next results file to `into` if it is complete; false: not yet. Throws Error if it cannot be
+  // written.
   bool next(const std::filesystem::path& into);
 
  private:

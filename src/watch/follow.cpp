@@ -12,11 +12,11 @@ namespace {
 using roundtrip::Fate;
 using roundtrip::Sample;
 
-constexpr std::int64_t may_change_ns =
-    2'000'000'000;  // for so long a lost message may prove to have been answered
+constexpr std::int64_t may_change_ns = 2'000'000'000;  // a lost message may prove answered within this time
 constexpr std::size_t most_worst = 3;
 
-// As the coordinator says when it begins: what would disturb the link is sent afterwards.
+// Whether the coordinator noted at the start that samples come after the run, so that they do not disturb the
+// link.
 bool samples_wait(const record::Reader& reader, std::int64_t run) {
   const auto notes = reader.notes(run);
   return std::ranges::any_of(notes, [](const auto& note) { return note.kind == "samples-wait"; });
@@ -70,24 +70,24 @@ void Follower::look_once() {
     progress_.lost_for_good = progress_.lost;
     return;
   }
-  const bool is_written =
-      record::is_being_written(results_);  // before it is read: what ends meanwhile is seen next time
+  const bool is_written = record::is_being_written(
+      results_);  // checked before reading: if the writer ends meanwhile, the next look sees it
   const record::Reader reader(results_);
   seen_ = true;
   auto runs = reader.runs(std::max<std::int64_t>(progress_.run.number, 1));
-  if (runs.empty() && progress_.run.number > 0) {  // it was forgotten
+  if (runs.empty() && progress_.run.number > 0) {  // the run was removed
     begin({});
     runs = reader.runs(1);
   }
   if (!runs.empty()) {
     const auto& newest = runs.back();
-    // One that was forgotten has left its number to the next, and no samples.
+    // The next run can have the number of a removed run, whose samples are gone.
     if (newest.number != progress_.run.number || newest.asked.document != progress_.run.asked.document)
       begin(newest);
     progress_.run = newest;
   }
 
-  // What is settled is added for good, the newest anew each time.
+  // Settled samples are added once; newer ones are counted again at each look.
   std::deque<Sample> unsettled;
   if (progress_.run.number > 0 && !progress_.run.asked.keeps_worst())
     reader.each_sample(progress_.run.number, next_, [&](const Sample& sample) {

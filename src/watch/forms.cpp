@@ -48,12 +48,13 @@ std::string head_of(const Progress& progress) {
     text += fmt::format("  {}", clock(progress.elapsed_s));
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
   } else {
-    text += "  (measuring; its samples wait for the end, for ssh may take the link under test)";
+    text += "  (measuring; samples come at the end, because ssh may use the link under test)";
   }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
   const bool cut_off = progress.state == Progress::State::ended && !progress.run.outcome.has_ended();
   if (progress.state == Progress::State::waiting)
-    text += progress.run.outcome.has_ended() ? "  (ended; the next has not begun)" : "  (not measuring yet)";
+    text += progress.run.outcome.has_ended() ? "  (ended; the next run has not started)"
+                                             : "  (not measuring yet)";
   else if (progress.state == Progress::State::ended)
     text += cut_off ? "  (cut off: no process writes into the file)" : "  (ended)";
   return text + "\n";
@@ -68,7 +69,7 @@ std::pair<std::size_t, std::size_t> filled(const Buckets& buckets) {
   return {static_cast<std::size_t>(first - counts.begin()), static_cast<std::size_t>(last - counts.begin())};
 }
 
-// As long as its logarithm, so that a single one is seen beside a million.
+// Logarithmic length, so that 1 is visible beside a million.
 std::string bar(std::uint64_t count, std::uint64_t most) {
   constexpr double width = 40;
   const auto length = count == 0 ? 0.0
@@ -162,7 +163,7 @@ std::string json_of(const Progress& progress) {
 
 std::string metrics_of(const Progress& progress) {
   Exposition text;
-  text.begin("measuring", "gauge", "Whether a run is under way.");
+  text.begin("measuring", "gauge", "1 while a run is measured, else 0.");
   text.add("", progress.state == Progress::State::measuring ? 1 : 0);
   if (progress.run.number == 0) return std::move(text).text();
 
@@ -177,7 +178,7 @@ std::string metrics_of(const Progress& progress) {
     text.add(run, number);
   };
   const auto in_s = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
-  text.begin("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
+  text.begin("messages_total", "counter", "Messages of the newest run, by outcome.");
   // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {
       {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
@@ -185,10 +186,10 @@ std::string metrics_of(const Progress& progress) {
   add("skipped_cycles_total", "counter", "Cycles that passed without a message.", progress.skipped_cycles);
   add("elapsed_seconds", "gauge", "From the first message to the newest.", progress.elapsed_s);
   if (progress.duration_s)
-    add("duration_seconds", "gauge", "How long the run is to be.", *progress.duration_s);
+    add("duration_seconds", "gauge", "Requested duration of the run.", *progress.duration_s);
   const auto& times = progress.round_trip;
-  add("round_trip_max_seconds", "gauge", "The longest round trip of the run.", in_s(times.max_ns()));
-  add("response_max_seconds", "gauge", "The longest time from when a message was due to its answer.",
+  add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", in_s(times.max_ns()));
+  add("response_max_seconds", "gauge", "Longest response time: from the due time to the reply.",
       in_s(progress.response_max_ns));
   text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
   text.add(run, times.counts(), times.sum_ns());

@@ -22,7 +22,7 @@ namespace {
 
 constexpr unsigned most_at_once = 64;
 constexpr unsigned patience_s = 2;
-constexpr std::size_t longest_request = 8192;  // without a body, which none has
+constexpr std::size_t longest_request = 8192;  // without a body: GET has none
 
 struct Endpoint {
   std::string host;  // as a URL has it
@@ -46,8 +46,7 @@ Endpoint endpoint_of(const std::string& text) {
       ::inet_pton(is_v6 ? AF_INET6 : AF_INET, host.c_str(),
                   is_v6 ? static_cast<void*>(&v6.sin6_addr) : &v4.sin_addr) != 1)
     throw std::invalid_argument(fmt::format(
-        "'{}' is no address and port; write it as 127.0.0.1:9464, [::1]:9464, or 9464 alone, which is on "
-        "loopback",
+        "'{}' is not an address and port, such as 127.0.0.1:9464, [::1]:9464, or 9464 alone (loopback)",
         text));
   std::memcpy(&to.address, is_v6 ? static_cast<const void*>(&v6) : &v4, is_v6 ? sizeof v6 : sizeof v4);
   return to;
@@ -55,7 +54,7 @@ Endpoint endpoint_of(const std::string& text) {
 
 class Text {
  public:
-  // Who asks before the first text is there waits a little for it; nothing: it did not come.
+  // A request before the first text waits for it; empty: it did not come in time.
   std::optional<std::string> get() {
     std::unique_lock lock(mutex_);
     is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return text_.has_value(); });
@@ -85,7 +84,7 @@ MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target,
   auto [status, body] = text       ? Answer(MHD_HTTP_OK, *text)
                         : !may     ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
                         : is_there ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, "nothing was counted yet\n")
-                                   : Answer(MHD_HTTP_NOT_FOUND, "what there is, is at /metrics\n");
+                                   : Answer(MHD_HTTP_NOT_FOUND, "not found. See /metrics\n");
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
@@ -115,7 +114,7 @@ Metrics::Metrics(const std::string& address) : server_(std::make_unique<Server>(
       MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
       MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END));
   if (!server_->daemon)
-    throw std::runtime_error(fmt::format("{} cannot be listened at: {}. Choose another address or port.",
+    throw std::runtime_error(fmt::format("cannot listen on {}: {}. Fix: choose another address or port",
                                          address, std::generic_category().message(errno)));
 }
 

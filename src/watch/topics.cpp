@@ -9,12 +9,12 @@ namespace {
 
 constexpr const char* not_looked_for = "not looked for";
 
-// Series of one name in each process are one: a node that starts again goes on where it ended.
+// Labels hold no process number, so that a restarted node continues its series.
 std::string labels_of(const listen::Flow& flow) {
   return labels({{"topic", flow.topic}, {"writer", flow.writer.name}, {"reader", flow.reader.name}});
 }
 
-// Those for which nothing was counted for longest go first.
+// Removes the entries that were updated longest ago.
 template <class Key, class Counts>
 void make_room(std::map<Key, Counts>& all) {
   while (all.size() > TopicCounters::most_kept)
@@ -62,7 +62,7 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
           .silent_ns = 0};
 }
 
-// By what `now` has more than `before`.
+// Adds the increase from `before` to `now`.
 void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now) {
   const auto more = [](std::uint64_t from, std::uint64_t to) { return to - std::min(from, to); };
   for (const auto member :
@@ -83,13 +83,13 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
 
 void TopicCounters::add(Series& all, std::uint64_t id, const std::string& labels, Counts now) const {
   auto& before = all.flows[id];
-  // Another writer, or the same recognized again: its ages and losses begin anew.
+  // Another writer, or the same one recognized again: its ages and losses start at 0.
   if (now.age.count() < before.age.count()) {
     before.age = {};
     before.lost.reset();
     before.lost_not_judged = 0;
   }
-  // A message that came late after all is lost no more: the next loss takes its place.
+  // A lost message can still arrive, late. The counter keeps its value until a further loss.
   if (now.lost) {
     now.lost = std::max(*now.lost, before.lost.value_or(0));
     now.lost_not_judged = std::max(now.lost_not_judged, before.lost_not_judged);
@@ -109,7 +109,7 @@ void TopicCounters::add(const listen::Chain& chain) {
     auto& ended = ended_[labels({{"chain", chain.wish.name()},
                                  {"topic", chain.wish.steps[part / 2].topic},
                                  {"end", part % 2 == 0 ? "not taken" : "not published on"}})];
-    // What was on its way for long may come out after all.
+    // A slow message can still reach the chain's end, so the count can fall.
     ended = std::max(ended, chain.ended[part]);
   }
 }
@@ -142,19 +142,18 @@ std::string TopicCounters::metrics() const {
   const auto count = [&](const char* name, const char* help, auto value_of) {
     count_of(topics_, name, help, value_of);
   };
-  count("topic_messages_total",
-        "Messages of a topic that a reader took; without a reader, that were published.",
+  count("topic_messages_total", "Messages that a reader took; without a reader, messages published.",
         [](const auto& counts) { return counts.messages; });
   count("topic_late_total", "Messages that missed a limit.", [](const auto& counts) { return counts.late; });
   count("topic_not_judged_total", "Messages that ontime may have made late, by setting or removing probes.",
         [](const auto& counts) { return counts.not_judged; });
-  count("topic_lost_total", "Messages that were published and never taken.",
+  count("topic_lost_total", "Messages published and never taken.",
         [](const auto& counts) { return counts.lost; });
   count("topic_lost_not_judged_total",
         "Messages that ontime may have made lost, by setting or removing probes.", [](const auto& counts) {
           return counts.lost ? std::optional(counts.lost_not_judged) : std::nullopt;
         });
-  count("topic_duplicated_total", "Messages that were taken again.",
+  count("topic_duplicated_total", "Repeated takes of a message.",
         [](const auto& counts) { return counts.duplicated; });
   count("topic_out_of_order_total", "Messages that a later one overtook.",
         [](const auto& counts) { return counts.reordered; });
@@ -167,24 +166,24 @@ std::string TopicCounters::metrics() const {
   spread(topics_, "topic_age_seconds", "From the writer's time stamp to the take.", &Counts::age);
   spread(topics_, "topic_period_seconds", "From one message to the next.", &Counts::period);
   text.begin("topic_silent_seconds", "gauge",
-             "Since the last message, where that is beyond a stated limit; else 0.");
+             "Time since the last message if beyond a stated limit, else 0.");
   for (const auto& [labels, counts] : topics_.series)
     if (counts.silent_ns) text.add(labels, static_cast<double>(*counts.silent_ns) / 1e9);
   if (!ended_.empty()) {
     spread(chains_, "chain_age_seconds",
            "From the publish of a chain's first message to the take of its last.", &Counts::age);
-    count_of(chains_, "chain_late_total", "Messages that came out of a chain beyond its limit.",
+    count_of(chains_, "chain_late_total", "Messages that took longer through a chain than its limit.",
              [](const auto& counts) { return counts.late; });
     count_of(chains_, "chain_not_judged_total",
              "Messages that ontime may have made late, by setting or removing probes.",
              [](const auto& counts) { return counts.not_judged; });
-    text.begin("chain_ended_total", "counter", "Messages of a chain's first topic that came no further.");
+    text.begin("chain_ended_total", "counter", "Messages of a chain's first topic that ended at this step.");
     for (const auto& [labels, ended] : ended_) text.add(labels, ended);
   }
-  text.begin("late_by_cause_total", "counter", "Missed limits, by what the kernel's events say of them.");
+  text.begin("late_by_cause_total", "counter", "Missed limits, by cause.");
   for (const auto& [cause, misses] : misses_)
     text.add(labels({{"cause", cause}}), misses + (cause == not_looked_for ? misses_left_out_ : 0));
-  text.begin("sensor_lost_total", "counter", "Events that the sensor had no room for.");
+  text.begin("sensor_lost_total", "counter", "Events dropped because the sensor's buffer was full.");
   text.add("", sensor_lost_);
   return std::move(text).text();
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Following a measurement while it runs, by reading its results file: another process does it, which never
-// touches what measures. And what Prometheus reads of it, and of a robot's own messages. Ordinary thread.
+// Follows a running measurement by reading its results file, from another process that does not disturb it.
+// Also makes the metrics for Prometheus, of a measurement and of a robot's own messages. Ordinary thread.
 #pragma once
 
 #include <array>
@@ -17,16 +17,16 @@
 
 namespace ontime::watch {
 
-// How many values are at most so large: 1, 2, 5, 10 … µs to 10 s, and what is above.
+// A histogram with the limits 1, 2, 5, 10 … µs to 10 s, and above.
 class Buckets {
  public:
   static constexpr std::size_t size = 23;
-  // The last one's is the greatest number there is.
+  // The last bucket's limit is the greatest number.
   static std::int64_t upper_ns(std::size_t bucket);
   void add(std::int64_t ns);
   const std::array<std::uint64_t, size>& counts() const { return counts_; }
   std::uint64_t count() const { return count_; }
-  std::int64_t min_ns() const { return min_ns_; }  // of none 0, as the others
+  std::int64_t min_ns() const { return min_ns_; }  // 0 without values, as the others
   std::int64_t max_ns() const { return max_ns_; }
   double sum_ns() const { return sum_ns_; }
 
@@ -40,39 +40,39 @@ using BucketCounts = std::array<std::uint64_t, Buckets::size>;
 
 struct Worst {
   std::uint64_t message;
-  double at_s;  // when it was due, after the run's first
+  double at_s;  // due time, after the run's first message
   std::int64_t round_trip_ns, response_ns;
 };
 
-// What became of a run's messages.
+// Outcomes of a run's messages.
 struct Counted {
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
   Buckets round_trip;  // of messages that were answered
   std::int64_t response_max_ns = 0;
-  std::vector<Worst> worst;  // by response, the longest first; at most 3
+  std::vector<Worst> worst;  // by response time, the longest first; at most 3
 };
 
-// A run as far as it is recorded.
+// The recorded part of a run.
 struct Progress : Counted {
   enum class State {
-    waiting,  // ontime has the file, and between two runs, or before the first message of one
+    waiting,  // ontime has the file open, but no run is sending messages
     measuring,
-    ended,  // no process writes into the file any more
+    ended,  // no process writes to the file
   } state = State::ended;
-  record::Run run;                  // the newest; number 0: there is none yet
-  bool samples_wait = false;        // it is measuring, and nothing is seen of it before its end
-  std::uint64_t lost_for_good = 0;  // of the lost ones those that cannot prove to have been answered any more
-  double elapsed_s = 0;             // from the first message to the newest
-  std::optional<double> duration_s;  // as asked
+  record::Run run;                   // the newest run; number 0: none yet
+  bool samples_wait = false;         // it is measuring, but its samples come at the end
+  std::uint64_t lost_for_good = 0;   // lost messages that can no longer prove answered
+  double elapsed_s = 0;              // from the first message to the newest
+  std::optional<double> duration_s;  // as requested
 };
 
-// Reads what is new each time. The file is open only while it is read, so that the writer can close it
-// as one file. What was given up as lost, and proves to have been answered in time, is counted right if that
-// is known within two seconds; the report counts all of it right.
+// Reads new samples at each look. The file is open only during a look, so that the writer can close it as one
+// file. A message recorded as lost that proves answered is counted as answered if that is known within two
+// seconds; the report always counts it so.
 class Follower {
  public:
   explicit Follower(std::string results) : results_(std::move(results)) {}
-  // Throws record::Error. A file that was there and is gone has ended, as it was seen last.
+  // Throws record::Error. If the file has vanished, the measurement has ended, with the last counts.
   const Progress& look();
 
  private:
@@ -80,24 +80,24 @@ class Follower {
   void begin(const record::Run&);
   const std::string results_;
   bool seen_ = false;
-  Counted settled_;  // what does not change any more
+  Counted settled_;  // final counts
   std::optional<std::int64_t> start_ns_;
   std::uint64_t next_ = 0;  // the first message that may change
   Progress progress_;
 };
 
-// Several lines for a terminal, each ended.
+// Several lines for a terminal, each with its newline.
 std::string text_of(const Progress&);
 // One line of JSON: docs/reference/json.md.
 std::string json_of(const Progress&);
 // Prometheus's text format, version 0.0.4.
 std::string metrics_of(const Progress&);
 
-// What Prometheus reads of a robot's own messages. No counter falls: a series grows by what its flows have
-// more than at the last look. So it keeps what it counted when a flow goes, or changes its writer.
+// Prometheus metrics of a robot's own messages. Counters never fall: a series adds the increase of its flows
+// since the last look, and keeps its count when a flow ends or changes its writer.
 class TopicCounters {
  public:
-  // Series, and flows that are compared with the last look.
+  // Limit of series, and of flows remembered from the last look.
   static constexpr std::size_t most_kept = 4096;
   TopicCounters();
   void add(const listen::Findings&);           // as they are now; about once a second
@@ -115,8 +115,8 @@ class TopicCounters {
     std::optional<std::uint64_t> lost{};  // empty: the sensor cannot tell
     std::uint64_t lost_not_judged = 0, duplicated = 0, reordered = 0;
     Spread age{}, period{};
-    std::optional<std::int64_t> silent_ns{};  // of its liveliest flow; empty: it has none any more
-    std::uint64_t look = 0;                   // the last one that saw it
+    std::optional<std::int64_t> silent_ns{};  // the shortest of its flows; empty: no flow is left
+    std::uint64_t look = 0;                   // number of the last look that saw it
   };
   static Spread spread_of(const listen::Distribution&);
   static Counts counts_of(const listen::Flow&);
@@ -135,15 +135,15 @@ class TopicCounters {
   std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0;
 };
 
-// Offers the newest text for Prometheus at http://ADDRESS:PORT/metrics, to a few at a time, each within two
-// seconds. A thread of its own answers, whatever the caller does meanwhile.
+// Serves the newest text at http://ADDRESS:PORT/metrics, for up to 64 connections of two seconds each. Its
+// own thread answers, so that the caller never waits.
 class Metrics {
  public:
-  // "127.0.0.1:9464", "[::1]:9464", or a port on loopback. Throws std::invalid_argument if it is no address,
-  // std::runtime_error if it cannot be had.
+  // "127.0.0.1:9464", "[::1]:9464", or a port on loopback. Throws std::invalid_argument for an invalid
+  // address, std::runtime_error if it cannot listen there.
   explicit Metrics(const std::string& address);
   ~Metrics();
-  std::string address() const;  // as it is bound
+  std::string address() const;  // with the bound port
   void set(std::string text);
 
  private:

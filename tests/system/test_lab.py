@@ -148,21 +148,20 @@ class Refused(Lab):
     def test_what_is_asked_for_wrongly(self):
         scenario = self.scenario(SCENARIO % "udp")
         self.refused(2, "--nic: 'e1000' is not one of e1000e, virtio, igb", "run", scenario, "--nic", "e1000")
-        self.refused(2, "512 MiB are the least", "run", scenario, "--memory", "1 MiB")
+        self.refused(2, "512 MiB", "run", scenario, "--memory", "1 MiB")
         self.refused(2, "--cpus: Value 9 not in range 1 to 8", "run", scenario, "--cpus", "9")
         self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
-        self.refused(2, "--with: /proc/version: the lab's machine has a /proc of its own, which would hide it", "run", scenario,
-                     "--with", "/proc/version")
-        self.refused(2, "there is no such scenario", "run", "/there/is/none")
+        self.refused(2, "--with: /proc/version: ", "run", scenario, "--with", "/proc/version")
+        self.refused(2, "/there/is/none: ", "run", "/there/is/none")
         self.refused(2, "needs hosts: namespaces", "run", self.scenario((SCENARIO % "udp").replace("namespaces", "loopback")))
         wired = os.path.join(self.folder, "wired.yaml")
         pathlib.Path(wired).write_text("wire: {rate: 10 Mbit/s}" + SCENARIO % "udp")
         other = self.scenario(SCENARIO % "udp")
-        self.refused(2, "wired.yaml: its wire asks for NICs of a speed (10 Mbit/s), and ", "run", other, wired)
-        self.refused(2, "scenario.yaml: its wire asks for NICs of a speed (none), and ", "run", wired, other)
+        self.refused(2, "(10 Mbit/s) than ", "run", other, wired)
+        self.refused(2, "(any) than ", "run", wired, other)
         self.refused(2, "--deterministic excludes --live", "run", scenario, "--live", "--deterministic")
         for package in ("bash", "-o=x", "linux-image-rt-amd64 bash"):
-            self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
+            self.refused(2, f"--kernel: '{package}' ", "run", scenario, "--kernel=" + package)
 
     def test_a_cable_that_is_none(self):
         for text, cable, words in ((SCENARIO % "udp", "eth1", "two interfaces"), (SCENARIO % "udp", "eth1,eth1", "two interfaces"),
@@ -176,11 +175,11 @@ class Refused(Lab):
     def test_results_that_are_there_already(self):
         taken = pathlib.Path(self.results("taken"))
         taken.write_text("mine")
-        self.refused(2, "exists. Name another file", "run", self.scenario(SCENARIO % "udp"), "--results", str(taken))
+        self.refused(2, "exists", "run", self.scenario(SCENARIO % "udp"), "--results", str(taken))
         self.assertEqual(taken.read_text(), "mine")
 
     def test_results_that_can_be_written_nowhere(self):
-        self.refused(3, "/there/is/none.ontime cannot be written there: No such file or directory", "run",
+        self.refused(3, "/there/is/none.ontime cannot be written: No such file or directory", "run",
                      self.scenario(SCENARIO % "udp"), "--results", "/there/is/none.ontime")
 
     def test_a_machine_that_has_no_qemu(self):
@@ -191,11 +190,9 @@ class Refused(Lab):
         path = self.instead_of_qemu("""#!/bin/sh
 [ "$1" = --version ] && echo 'QEMU emulator version 7.2.22 (Debian)' || echo 'name "e1000e", bus PCI'
 """)
-        self.refused(3, "this QEMU has no igb: QEMU emulator version 7.2.22 (Debian). Debian 12's has igb only from "
-                        "bookworm-backports", "run", scenario, "--nic", "igb", PATH=path)
-        self.refused(3, "QEMU 7.2.22 lets the first of 2 CPUs whose instructions are counted run for ever", "run", scenario,
-                     "--cpus", "2", PATH=path)
-        self.refused(3, "is to have 9536743 MiB of memory, and ", "run", scenario, "--memory", "10000000 MB", PATH=path)
+        self.refused(3, "sudo apt install -t bookworm-backports", "run", scenario, "--nic", "igb", PATH=path)
+        self.refused(3, "QEMU 7.2.22 cannot boot 2 CPUs", "run", scenario, "--cpus", "2", PATH=path)
+        self.refused(3, "9536743 MiB of memory", "run", scenario, "--memory", "10000000 MB", PATH=path)
         self.refused(3, "the kernel package linux-image-of-nobody is not available here: ", "run", scenario,
                      "--kernel", "linux-image-of-nobody", PATH=path)
 
@@ -357,7 +354,7 @@ class Machines(Lab):
     def test_two_cpus_in_turn_give_the_same_samples(self):
         scenario = self.scenario(SCENARIO % "udp")
         answer = self.lab("run", scenario, "--cpus", "2", "--results", self.results("first.ontime"))
-        if "lets the first of 2 CPUs" in answer.stderr:
+        if "cannot boot 2 CPUs" in answer.stderr:
             self.skipTest(answer.stderr)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.measured("second.ontime", scenario, "--cpus", "2")
@@ -372,7 +369,7 @@ class Machines(Lab):
         if "is not available here" in answer.stderr:
             self.skipTest(answer.stderr)
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertRegex(answer.stderr, "is to have 512 MiB of memory, and with its files, which take [0-9]+, it needs [0-9]+")
+        self.assertRegex(answer.stderr, "has 512 MiB of memory.* [0-9]+ MiB of files need [0-9]+ MiB")
 
     def shell(self, script, *flags, variables=""):
         """What a script says in such a machine."""

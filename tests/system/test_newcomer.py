@@ -59,7 +59,7 @@ class Newcomer(unittest.TestCase):
     def test_transports_are_listed_where_one_is_needed(self):
         for command in ("ping", "pong"):
             self.assertIn("udp", self.ontime(command, code=2).stderr)
-            self.assertIn("here: ", self.ontime(command, "--help").stdout)
+            self.assertIn("installed: ", self.ontime(command, "--help").stdout)
 
     def test_runs_are_named_in_one_way(self):
         (self.folder / "own.yaml").write_text(

@@ -221,7 +221,7 @@ class System(Program):
             (["ping"], 2, "transport"),
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "2000000 h"], 2, "--wait"),
             ([], 0, "ontime --help"),
-            (["dance"], 2, "there is no command 'dance'"),
+            (["dance"], 2, "'dance'"),
             (["listen", "--for", "500 ms"], 2, "--for: '500 ms' is too short"),
         ]
         for arguments, code, word in cases:
