@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -164,16 +165,15 @@ ordered_json json_of(const statistics::Summary& summary) {
                       "count_instructions", "kernel", "isolation", "listen"});
   run["conditions"].update(some_of(asked, {"component", "component_transport", "component_options",
                                            "component_interface", "component_restart", "beside", "others"}));
-  run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
-  run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
-  run["conditions"]["background"] = {{"asked", at(asked, "neighbours")},
-                                     {"achieved", at(outcome, "neighbours")}};
+  for (const auto& [name, of_asked, of_outcome] :
+       {std::array{"load", "load", "conditions"}, {"traffic", "traffic", "traffic"},
+        {"background", "neighbours", "neighbours"}})
+    run["conditions"][name] = {{"asked", at(asked, of_asked)}, {"achieved", at(outcome, of_outcome)}};
   run["conditions"]["neighbours"] = run["conditions"]["background"];
-  run["conditions"]["link"] = at(asked, "link");
-  run["conditions"]["wire"] = at(asked, "wire");
-  run["link_unproved"] = at(outcome, "link_unproved");
+  run["conditions"].update(some_of(asked, {"link", "wire"}));
+  run.update(some_of(outcome, {"link_unproved"}));
   run["paper"] = paper_of(summary.run.asked);
-  run["hosts"] = at(outcome, "hosts");
+  run.update(some_of(outcome, {"hosts"}));
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
   return run;
 }

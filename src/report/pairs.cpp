@@ -60,11 +60,11 @@ void drop_what_follows(json& asked, const std::string& key, const std::string& v
 
 // A record repeats the controller's transport and options for a component that has none of its own.
 void drop_repeated(json& asked) {
-  if (record::at(asked, "transport") != record::at(asked, "component_transport") ||
-      record::at(asked, "options") != record::at(asked, "component_options"))
-    return;
-  asked.erase("component_transport");
-  asked.erase("component_options");
+  constexpr std::pair<const char*, const char*> repeated[] = {{"transport", "component_transport"},
+                                                              {"options", "component_options"}};
+  for (const auto& [name, again] : repeated)
+    if (record::at(asked, name) != record::at(asked, again)) return;
+  for (const auto& [name, again] : repeated) asked.erase(again);
 }
 
 // Its value of `key`, and all else that was asked for.
