@@ -73,7 +73,7 @@ while True:
                                "python3");
 }
 
-TEST_F(Lab, ImageHasFoldersBeforeWhatIsInThemAndNoDates) {
+TEST_F(Lab, ImageHasFoldersBeforeTheirFilesAndNoDates) {
   Image image;
   image.add_text("/init", "#!/bin/sh\n", true);
   image.add(write("scenario.yaml", "runs: []\n"), "/scenarios/1/scenario.yaml");
@@ -84,7 +84,7 @@ TEST_F(Lab, ImageHasFoldersBeforeWhatIsInThemAndNoDates) {
             "0o40755 scenarios/1 0 b''\n0o100644 scenarios/1/scenario.yaml 0 b'runs: []\\n'\n");
 }
 
-TEST_F(Lab, ImageHasWhatTheDynamicLinkerWouldLoad) {
+TEST_F(Lab, ProgramInAnImageHasItsLibraries) {
   Image image;
   image.add_program(fs::read_symlink("/proc/self/exe"), "/usr/bin/this");
   image.write(folder() / "image");
@@ -144,7 +144,7 @@ TEST_F(Lab, SeveralDeterministicCpusTakeShortTurns) {
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
 }
 
-TEST_F(Lab, MachineIsToldThatItIsSimulated) {
+TEST_F(Lab, KernelCommandLineStatesTheSimulation) {
   Machine machine;
   machine.nic = "virtio";
   const auto words = command(machine);

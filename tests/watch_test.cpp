@@ -19,7 +19,7 @@ using ::testing::Not;
 using ::testing::StartsWith;
 using State = Progress::State;
 
-TEST(Buckets, HoldWhatIsAtMostTheirEdge) {
+TEST(Buckets, ValueAtTheLimitIsInTheBucket) {
   Buckets buckets;
   for (const auto ns : {1, 1000, 1001, 2000, 5'000'000}) buckets.add(ns);
   buckets.add(std::int64_t{1} << 60);
@@ -60,7 +60,7 @@ class Following : public RecordTest {
   }
 };
 
-TEST_F(Following, CountsWhatIsNewEachTime) {
+TEST_F(Following, EachLookAddsOnlyNewSamples) {
   record::Writer writer(path_);
   Follower follower(path_);
   EXPECT_EQ(follower.look().run.number, 0);
@@ -246,7 +246,7 @@ TEST_F(Forms, JsonIsOneLine) {
   EXPECT_EQ(json::parse(json_of({})).at("run"), nullptr);
 }
 
-TEST_F(Forms, MetricsAreWhatPrometheusReads) {
+TEST_F(Forms, MetricsUsePrometheusFormat) {
   const auto text = metrics_of(progress());
   EXPECT_THAT(text, HasSubstr(R"(id="Test1.B\"\\ ?[31m")")) << "quotes and backslashes are escaped";
   EXPECT_THAT(text, HasSubstr("le=\"5e-05\"} 1\n"));

@@ -40,7 +40,7 @@ struct Counters : testing::Test {
     findings.flows = std::move(flows);
     counters.add(findings);
   }
-  // Of a series, as Prometheus reads it.
+  // The value of a series, as Prometheus reads it.
   std::string value(const std::string& name, const std::string& writer = "controller") const {
     const auto series = "\n" + name + R"({topic="/cmd_vel",writer=")" + writer + R"(",reader="base"} )";
     const auto text = counters.metrics();
@@ -52,14 +52,14 @@ struct Counters : testing::Test {
   TopicCounters counters;
 };
 
-TEST_F(Counters, SeriesKeepsWhatItsFlowHadWhenThatIsGone) {
+TEST_F(Counters, SeriesKeepsItsCountsWhenItsFlowIsGone) {
   look({flow(100)});
   look({});
   EXPECT_EQ(value("ontime_topic_messages_total"), "100");
   EXPECT_EQ(value("ontime_topic_age_seconds_count"), "100");
 }
 
-TEST_F(Counters, NodeThatStartsAgainGoesOnInItsSeries) {
+TEST_F(Counters, RestartedNodeContinuesItsSeries) {
   look({flow(100)});
   auto again = flow(5);
   again.id = 2;
@@ -84,7 +84,7 @@ TEST_F(Counters, MessagesOfAFlowWhoseWriterIsRecognizedAreCountedOnce) {
   EXPECT_EQ(value("ontime_topic_messages_total"), "50");
 }
 
-TEST_F(Counters, WriterThatIsNoLongerRecognizedTakesNothingBack) {
+TEST_F(Counters, UnrecognizedWriterLowersNoCounter) {
   look({flow(100)});
   look({flow(110, "")});
   EXPECT_EQ(value("ontime_topic_messages_total"), "100");
@@ -97,7 +97,7 @@ TEST_F(Counters, WriterThatIsNoLongerRecognizedTakesNothingBack) {
   EXPECT_EQ(value("ontime_topic_age_seconds_count"), "104");
 }
 
-TEST_F(Counters, AgesAndLossesThatBeginAnewAreAdded) {
+TEST_F(Counters, RestartedAgesAndLossesAreAdded) {
   auto one = flow(100);
   one.lost = 5;
   look({one});
@@ -127,7 +127,7 @@ TEST_F(Counters, LossThatOntimeMayHaveCausedIsCountedOnceToo) {
   EXPECT_EQ(value("ontime_topic_not_judged_total"), "0");
 }
 
-TEST_F(Counters, FlowThatComesBackIsComparedWithWhatItHad) {
+TEST_F(Counters, ReturningFlowAddsOnlyItsIncrease) {
   look({flow(100)});
   look({});
   look({flow(110)});
@@ -150,7 +150,7 @@ TEST_F(Counters, TopicIsSilentOnlyWhileAllOfItsFlowsAre) {
   EXPECT_EQ(value("ontime_topic_silent_seconds"), "60") << "the node that ended began again, and now hangs";
 }
 
-TEST_F(Counters, LossThatNoSensorSeesHasNoSeries) {
+TEST_F(Counters, UnknownLossHasNoSeries) {
   look({flow(100, "")});
   EXPECT_EQ(value("ontime_topic_lost_total", ""), "none");
   EXPECT_EQ(value("ontime_topic_age_seconds_count", ""), "none");
@@ -183,7 +183,7 @@ TEST_F(Counters, CausesAddUpToAllMisses) {
   EXPECT_THAT(counters.metrics(), HasSubstr("{cause=\"not looked for\"} 43\n"));
 }
 
-TEST_F(Counters, NamesOfOthersCannotBreakTheText) {
+TEST_F(Counters, ForeignNamesAreEscaped) {
   auto strange = flow(1, "a\"b\\c\nd");
   look({strange});
   EXPECT_THAT(counters.metrics(), HasSubstr(R"(writer="a\"b\\c)"));

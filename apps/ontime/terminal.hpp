@@ -12,7 +12,7 @@ class Terminal : public campaign::Observer {
   // The number of runs and their total time, to show progress.
   void expect(std::size_t runs, std::chrono::duration<double> time);
   void note(const std::string& text) override;
-  void line(const std::string& text);   // a line of another ontime, printed as it is
+  void line(const std::string& text);   // a line of another ontime, which has its own prefix
   void waits(const std::string& text);  // the next output replaces it
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;

@@ -194,8 +194,8 @@ int verify(const TuneArguments& arguments) {
                    {"applied", one.after.value_or("")},
                    {"now", now},
                    {"is_so", is_so}});
-    lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "  " : "no", one.kind, one.what,
-                                one.after.value_or(""), now));
+    lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "OK    " : "NOT OK", one.kind,
+                                one.what, one.after.value_or(""), now));
   }
   if (json_asked)
     print_json(json{{"applied", all}});
