@@ -148,8 +148,7 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free), function
     if (std::ranges::none_of(shapes_, [&](const auto& shape) { return shape.second.kind == kind; }))
       throw Error(
           "explain needs the tracepoints sched:sched_switch and sched:sched_waking; this kernel lacks them "
-          "or "
-          "has an unknown format of them");
+          "or has an unknown format of them");
 }
 
 const Decoder::Shape* Decoder::shape_of(const RawEvent& event) const {
