@@ -101,7 +101,7 @@ class CycloneXml : public UsersXml {
   }
 };
 
-TEST_F(CycloneXml, IsHonouredButForWhatLeadsAroundTheLink) {
+TEST_F(CycloneXml, UsersXmlIsUsedExceptForItsInterfaces) {
   Config config = config_of(Role::client);
   const auto path =
       write(R"(<?xml version="1.0"?>)" +
@@ -147,7 +147,7 @@ TEST_F(CycloneXml, AnElementThatThereIsNotIsNamed) {
   EXPECT_FALSE(contains(value, "line ")) << "a line of a file that is not there: " << value;
 }
 
-TEST_F(CycloneXml, ANodeThatAsksForNoLinkIsFoundOnTheLoopbackInterface) {
+TEST_F(CycloneXml, NodeWithoutALinkIsFoundOnLoopback) {
   for (const std::string transport : {"cyclonedds", "fastdds"})
     for (const std::string lo :
          {"", "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"}) {

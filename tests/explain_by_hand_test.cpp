@@ -214,7 +214,7 @@ TEST_P(Drifting, AMessageIsRelatedByTheAnswersAroundIt) {
   EXPECT_THAT(account.limits, testing::Contains(HasSubstr("±46.0 µs")));
 }
 
-TEST_P(Drifting, AMessageThatNeverCameIsLookedForAmongItsNeighbours) {
+TEST_P(Drifting, LostMessageIsRelatedByTheAnswersAroundIt) {
   window_.span.message = 51;
   keep();
   auto sample = lost();

@@ -122,7 +122,7 @@ TEST_P(Evidence, APauseShorterThanTheTickAccusesNoThreadOfLowerPriority) {
   EXPECT_THAT(advice(part), testing::Not(HasSubstr("priority above")));
 }
 
-TEST_P(Evidence, ALowerThreadThatTheKernelRanOnIsNamed) {
+TEST_P(Evidence, ThreadOfLowerPriorityThatRanOnIsNamed) {
   waits_with_priority_behind_the_hog(6 * ms);
   for (const auto at : {2 * ms, 4 * ms}) {
     event(sent + at, 1, Kind::timer, hog);
@@ -144,7 +144,7 @@ TEST_P(Evidence, AKernelThatIsNotPreemptibleThrottlesNoThread) {
   EXPECT_EQ(word(first(message(late(0, 12 * ms, 0)))), "not-preempted");
 }
 
-TEST_P(Evidence, AnOrdinaryThreadThatCameInsteadOfARealTimeOneWasThrottlings) {
+TEST_P(Evidence, OrdinaryThreadInsteadOfARealTimeOneIsThrottling) {
   switched(due - ms / 2, 1, another, "R", hog);  // which is as ready as it was
   window_.events.back().thread.priority = fifo_80 + 70;
   sender_wakes_and_sends();
@@ -155,14 +155,14 @@ TEST_P(Evidence, AnOrdinaryThreadThatCameInsteadOfARealTimeOneWasThrottlings) {
   EXPECT_EQ(word(first(message(late(0, 8 * ms, 0)))), "throttled");
 }
 
-TEST_P(Evidence, ATimersInterruptHasNoSettingThatMovesIt) {
+TEST_P(Evidence, TimerInterruptHasNoRemedy) {
   const Part part{
       .cause = Cause::interrupts, .end = "component", .thread = "receive", .culprit = "timer interrupt"};
   EXPECT_THAT(advice(part), testing::Not(HasSubstr("kernel.irq-cpus:")));
   EXPECT_THAT(advice(part), HasSubstr("no setting"));
 }
 
-TEST_P(Evidence, AnEventByAnotherThreadProvesASwitch) {
+TEST_P(Evidence, EventOfAnotherThreadInfersASwitch) {
   switched(due - ms / 2, 1, 0, "R", hog);
   event(due - ms / 3, 1, Kind::timer, hog);
   event(due - ms / 3 + us, 1, Kind::timer_end, hog);
@@ -288,7 +288,7 @@ TEST_P(Evidence, APacketThatAnotherThreadQueuedIsUnknownAtTheSendersEnd) {
   EXPECT_EQ(part.stage, Stage::left);
 }
 
-TEST_P(Evidence, ALostMessageThatWasNeverGivenToTheKernelSaysSo) {
+TEST_P(Evidence, LostMessageNeverGivenToTheKernelIsReported) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);
   const auto part = first(message(lost()));
@@ -297,7 +297,7 @@ TEST_P(Evidence, ALostMessageThatWasNeverGivenToTheKernelSaysSo) {
   EXPECT_EQ(part.stage, Stage::left);
 }
 
-TEST_P(Evidence, ALostMessageThatLeftSaysSo) {
+TEST_P(Evidence, LostMessageThatLeftIsReported) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);
   event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
@@ -308,7 +308,7 @@ TEST_P(Evidence, ALostMessageThatLeftSaysSo) {
   EXPECT_THAT(sentence_of(part), HasSubstr("left ping's"));
 }
 
-TEST_P(Evidence, ALostMessageThatArrivedSaysSo) {
+TEST_P(Evidence, LostMessageThatArrivedIsReported) {
   sender_wakes_and_sends();
   const auto part = first(message(lost()));
   EXPECT_EQ(part.end, "component");
@@ -316,7 +316,7 @@ TEST_P(Evidence, ALostMessageThatArrivedSaysSo) {
   EXPECT_THAT(sentence_of(part), HasSubstr("came to pong's"));
 }
 
-TEST_P(Evidence, ALostAnswerThatArrivedSaysSo) {
+TEST_P(Evidence, LostAnswerThatArrivedIsReported) {
   has_the_message();
   for (const auto& [after, kind] :
        {std::pair(40 * us, Kind::queued), {41 * us, Kind::sent}, {42 * us, Kind::received}})

@@ -17,7 +17,7 @@ class Links : public Explained {
   }
 };
 
-TEST_P(Links, AMessageThatIsLostWhileOneIsTakenDown) {
+TEST_P(Links, MessageLostWhileALinkIsTakenDownIsLinkDown) {
   down("controller", due - 50 * ms, due + 50 * ms, false);
   down("component", due - 49 * ms, due + 50 * ms, true);
   const auto part = first(message(lost()));
@@ -80,7 +80,7 @@ TEST_P(Links, NoNeighbourLongAfterALinkDownHasAnotherCause) {
   EXPECT_EQ(first(message(lost())).cause, Cause::unreachable);
 }
 
-TEST_P(Links, AMessageThatIsSentAgainWhenOneIsUpIsLateForIt) {
+TEST_P(Links, MessageResentAfterALinkDownIsLateForLinkDown) {
   down("component", due - ms, due + 15 * ms, true);
   const auto part = first(message(late(0, 16 * ms, 0)));
   EXPECT_EQ(part.cause, Cause::link_down);
@@ -93,7 +93,7 @@ TEST_P(Links, APacketThatAQueueHadNoRoomForIsNotTheLinks) {
   EXPECT_EQ(first(message(lost())).cause, Cause::dropped);
 }
 
-TEST_P(Links, ALegThatEndsBeforeItBeginsByTwoClocksIsNotTheirs) {
+TEST_P(Links, LegOfNegativeLengthIsNotLinkDown) {
   down("component", due - ms, due + 400 * ms, true);
   auto sample = late(0, 0, 16 * ms);
   sample.server_received_ns = sample.server_sent_ns = sample.sent_ns - ms;

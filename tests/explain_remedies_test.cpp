@@ -45,7 +45,7 @@ TEST_F(Remedies, MemoryThatIsLockedAlreadyIsNotLockedAgain) {
   EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80), {{"realtime_settings", locked}}), "");
 }
 
-TEST_F(Remedies, ThrottlingOfAnOrdinaryThreadIsAQuotas) {
+TEST_F(Remedies, ThrottledOrdinaryThreadIsNotHelpedByRtThrottling) {
   EXPECT_THAT(settings(receiver(Cause::throttled, ordinary)), IsEmpty());
   EXPECT_THAT(settings(receiver(Cause::throttled, fifo_80)),
               testing::ElementsAre(Setting{"kernel.rt-throttling", "off"}));

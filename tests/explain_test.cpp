@@ -164,7 +164,7 @@ TEST_P(Explained, ThreadComingToAnIdleCpuIsAccusedOnlyOnceItRuns) {
   EXPECT_THAT(first(message(late(0, 8 * ms, 0))).cause, testing::AnyOf(Cause::idle_cpu, Cause::unknown));
 }
 
-TEST(Scheduling, AThreadCameAfterItWasWokenAndTheIdleThreadDidItsLast) {
+TEST(Scheduling, InferredSwitchIsAfterTheWakeUpAndTheLastIdleEvent) {
   const auto at = [](std::int64_t at_ns, Kind kind, std::int32_t thread, std::int32_t other,
                      const char* what) {
     return Event{
@@ -278,7 +278,7 @@ TEST_P(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::throttled);
 }
 
-TEST_P(Explained, ACpuThatAnOrdinaryThreadHasAndThatShowsNoSignOfLifeIsNotRun) {
+TEST_P(Explained, CpuWithoutEventsUnderAnOrdinaryThreadDidNotRun) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   window_.events.back().thread.priority = fifo_80;
@@ -502,7 +502,7 @@ TEST_P(Explained, AMessageForWhichThereWasNoRoute) {
   EXPECT_EQ(sentence_of(part), "the packet could not be sent at ping's side: no route");
 }
 
-TEST_P(Explained, AnAnswerForWhichTheOtherEndWasNotFound) {
+TEST_P(Explained, AnswerWithoutANeighbourIsUnreachable) {
   sender_wakes_and_sends();
   event(sent + 20 * us, 1, Kind::no_neighbour, answers);
   const auto part = first(message(lost()));
@@ -528,7 +528,7 @@ TEST_P(Explained, NoRouteOfAnotherPingThreadIsIgnored) {
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
-TEST_P(Explained, AnAnswerThatHadNoRouteWhenItsThreadRanAtLast) {
+TEST_P(Explained, AnswerWithoutARouteAfterADelayIsUnreachable) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 5 * ms, 1, hog, "R", answers);

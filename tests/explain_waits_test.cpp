@@ -16,7 +16,7 @@ class Waits : public Explained {
   }
 };
 
-TEST_P(Waits, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
+TEST_P(Waits, ThreadThatSleptWithTheMessageWaited) {
   has_the_message();
   switched(sent + 30 * us, 1, answers, "S", 0);
   event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
@@ -70,7 +70,7 @@ TEST_P(Waits, RunBetweenTwoPageFaultsCountsAsPageFault) {
   EXPECT_GT(first(message).ns, 14 * ms);
 }
 
-TEST_P(Waits, AnIdleCpuThatAThreadComesToBetweenTwoWaitsForPagesIsForThem) {
+TEST_P(Waits, IdleCpuBetweenTwoPageFaultsCountsAsPageFault) {
   has_the_message();
   for (int i = 0; i < 50; ++i) {
     const auto at = sent + 30 * us + i * 300 * us;
@@ -126,7 +126,7 @@ TEST_P(Waits, WakerOfAnEarlierWaitIsNotAccused) {
     EXPECT_TRUE(part.culprit != "hog" || part.ns <= 22 * us);
 }
 
-TEST_P(Waits, ASenderThatStoodStillIsAFaultThoughItsMessageWasQuick) {
+TEST_P(Waits, LateSenderIsAFaultEvenIfItsMessageIsQuick) {
   sender_wakes_and_sends();
   auto sample = usual(50);
   sample.intended_ns = due - 30 * ms;

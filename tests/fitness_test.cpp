@@ -327,7 +327,7 @@ TEST_F(Machine, IsFitIfNothingIsWrong) {
   EXPECT_FALSE(fit({{Severity::fine, "", "", "", ""}, {Severity::wrong, "", "", "", ""}}));
 }
 
-TEST(ThisMachine, SaysOfEachFaultWhyItIsOneAndWhatMendsIt) {
+TEST(ThisMachine, EachFindingHasAReasonAndAFix) {
   for (const auto& finding : check({"", {}, false})) {
     EXPECT_FALSE(finding.check.empty() || finding.is.empty());
     const bool said = !finding.why.empty() && !finding.remedy.empty();

@@ -157,7 +157,7 @@ TEST_F(Imports, JsonSaysItsUnitAndWhereItIsFrom) {
   EXPECT_EQ(in_ns[1].wake_up[statistics::Figure::p90], 10);
 }
 
-TEST_F(Imports, TheSameThreadOfTwoFilesHasTheSameKeyAndAnotherIdAnother) {
+TEST_F(Imports, SameThreadOfTwoFilesHasTheSameKey) {
   const auto runs = summaries({read(text)[0], read(document, as_json)[0], read(text, {.id = "idle"})[0]});
   EXPECT_EQ(runs[0].run.key, runs[1].run.key);
   EXPECT_NE(runs[0].run.key, runs[2].run.key);

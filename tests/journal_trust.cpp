@@ -58,7 +58,7 @@ class Planted : public Journals {
   fs::path victim_;
 };
 
-TEST_F(Planted, FilesOfAnotherUserAreNotBelieved) {
+TEST_F(Planted, FilesOfAnotherUserAreNotTrusted) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   for (const auto& path : journals()) ASSERT_EQ(chown(path.c_str(), planter, planter), 0);
   const auto lines = revert_abandoned();
@@ -67,12 +67,12 @@ TEST_F(Planted, FilesOfAnotherUserAreNotBelieved) {
   EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it was told";
 }
 
-TEST_F(Planted, FilesThatOthersMayWriteToAreNotBelieved) {
+TEST_F(Planted, FilesWritableByOthersAreNotTrusted) {
   for (const auto& path : journals()) fs::permissions(path, fs::perms::group_write, fs::perm_options::add);
   expect_all_refused("others may write to it");
 }
 
-TEST_F(Planted, FilesWithAnotherNameElsewhereAreNotBelieved) {
+TEST_F(Planted, HardLinkedFilesAreNotTrusted) {
   for (const auto& path : journals()) fs::create_hard_link(path, aside(path));
   expect_all_refused("more than one name");
 }
@@ -131,7 +131,7 @@ TEST_F(Planted, AFolderIsNotLookedForBehindALink) {
 }
 
 // As it was shown: without root the folder may be one under /tmp, where any user can be first.
-TEST_F(Planted, UnderTmpByAnotherUserNothingIsBelieved) {
+TEST_F(Planted, FolderUnderTmpOfAnotherUserIsNotTrusted) {
   if (!test::has_own_run) GTEST_SKIP() << "needs root";
   in_child([&] {
     ASSERT_EQ(unshare(CLONE_NEWNS), 0);

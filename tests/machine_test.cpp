@@ -335,7 +335,7 @@ TEST(DropsOf, UnknownCountsAreNullNotZero) {
   EXPECT_TRUE(dropped.at("backlog").is_null());
 }
 
-TEST(TrafficOf, AnInterfaceThatWasMadeAnewIsNotTold) {
+TEST(TrafficOf, RecreatedInterfaceHasNoTraffic) {
   const Traffic before{.sent_bytes = 5000, .sent_packets = 5, .received_bytes = 5000, .received_packets = 5};
   auto now = before;
   now.sent_bytes += 100;

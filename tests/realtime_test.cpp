@@ -208,14 +208,14 @@ TEST(Capabilities, AreThoseInEffect) {
   EXPECT_FALSE(has_capability("", 1));
 }
 
-TEST(Budget, IsThatOfTheGroupOrOfTheNearestThatIsSeen) {
+TEST(Budget, BudgetIsThatOfTheNearestVisibleGroup) {
   EXPECT_THAT(budget_files("4:memory:/a\n3:cpu,cpuacct:/c\n0::/d\n"),
               testing::ElementsAre("/sys/fs/cgroup/cpu,cpuacct/c/cpu.rt_runtime_us",
                                    "/sys/fs/cgroup/cpu,cpuacct//cpu.rt_runtime_us"));
   EXPECT_THAT(budget_files("3:cpuset:/c\n0::/d\n"), testing::IsEmpty());
 }
 
-TEST(Service, IsTheOneOfTheSystemThatTheGroupBelongsTo) {
+TEST(Service, ServiceIsFoundByItsControlGroup) {
   EXPECT_EQ(service_of("0::/system.slice/robot.service\n"), "robot.service");
   EXPECT_EQ(
       service_of(
@@ -228,7 +228,7 @@ TEST(Service, IsTheOneOfTheSystemThatTheGroupBelongsTo) {
   EXPECT_EQ(service_of(""), "");
 }
 
-TEST(Service, IsPermittedByItsUnitAndWhatLoggedInThereIsNot) {
+TEST(Service, UnitPermitsTheServiceButNotALogin) {
   const auto* const group = "0::/system.slice/robot.service\n";
   EXPECT_THAT(how_to_permit_service("INVOCATION_ID=1f\0HOME=/\0"s, group),
               testing::AllOf(HasSubstr("systemctl edit 'robot.service'"),

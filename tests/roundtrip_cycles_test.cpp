@@ -321,7 +321,7 @@ TEST(Trailing, AreCountedUntilTheSendersReturn) {
   }
 }
 
-TEST(Stop, SendsNothingMoreWhereItComesBetweenTheWordAndTheAlarm) {
+TEST(Stop, StopBetweenFlagAndAlarmSendsNothingMore) {
   for (const auto schedule : {Schedule::next_free, Schedule::fixed})
     for (unsigned seed = 0; seed < 50; ++seed) {
       Conditions c;

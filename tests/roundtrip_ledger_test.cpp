@@ -90,7 +90,7 @@ TEST(Ledger, CountsWhatIsNoFirstAnswerBeside) {
   EXPECT_EQ(counters.lost, 1U);
 }
 
-TEST(Ledger, AnswerFromBeforeItsMessageIsAStrayAndSettlesNothing) {
+TEST(Ledger, AnswerFromBeforeItsMessageIsAStray) {
   Ledger ledger(10 * ms, 100 * ms, {4, 4});
   const auto message = send(ledger, 20 * ms);
   EXPECT_FALSE(ledger.arrived(message, 20 * ms - 1, {}));

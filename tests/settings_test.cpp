@@ -101,7 +101,7 @@ TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
   EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
 }
 
-TEST(Words, CoalescingChangesWhatIsSaidAndNoMore) {
+TEST(Words, CoalescingChangesOnlyTheStatedFields) {
   EXPECT_EQ(with_coalescing("rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off",
                             "rx-usecs=0,adaptive-rx=off"),
             "rx-usecs=0,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=off,adaptive-tx=off");
@@ -225,7 +225,7 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
   });
 }
 
-TEST_F(OnVeth, ThreadsOfAnInterfaceWhoseNameOnlyBeginsAlikeAreAnothers) {
+TEST_F(OnVeth, ThreadsOfALongerInterfaceNameAreNotTaken) {
   inside([] {
     ASSERT_EQ(std::system("ip link add left-7 type veth peer name right-7 && ip link set left-7 up"), 0);
     journal::Journal journal(kinds());
@@ -334,7 +334,7 @@ TEST_F(OnVeth, ChangedByAnotherIsLeftAndReported) {
   });
 }
 
-TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotGivenBackTo) {
+TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotRestored) {
   inside([] {
     journal::Journal journal(kinds());
     const auto changes = apply(journal, {{"rps", "0"}, {"gro", "on"}}, left);
@@ -361,7 +361,7 @@ TEST_F(OnVeth, InterfaceThatWasRenamedIsGivenBack) {
   });
 }
 
-TEST_F(OnVeth, InterfaceThatWasMovedIsToldAndItsWayBackKept) {
+TEST_F(OnVeth, InterfaceMovedAwayIsReportedAndStaysInTheJournal) {
   inside([] {
     journal::Journal journal(kinds());
     journal::add_namespace(journal, "ontime-other");
@@ -563,7 +563,7 @@ TEST(Boot, NamesWithSpecialCharactersAreRefusedOrEscaped) {
   EXPECT_THAT(error_of([] { plan({{"rps", "0"}}, {"e';reboot;'", ""}); }), HasSubstr("interface name"));
 }
 
-TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {
+TEST(Boot, SystemdUnitNeedsPlainWordsAndAProgramOfRoot) {
   const auto refused_of = [](const Link& link, const std::string& program) {
     return error_of([&] { at_every_boot(Form::systemd, {{"ksoftirqd", "60"}}, {}, link, program); });
   };
@@ -592,7 +592,7 @@ TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {
   std::filesystem::remove_all(folder);
 }
 
-TEST(Boot, TheScriptFindsThreadsOfTheKernelByTheirWholeName) {
+TEST(Boot, ScriptFindsKernelThreadsByTheirWholeName) {
   const auto script = at_every_boot(
       Form::shell, {},
       {{&setting("ksoftirqd"), {&thread_priority, "14:25:ksoftirqd/0"}, "other:0", "fifo:60"}}, {}, "");

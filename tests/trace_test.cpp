@@ -262,7 +262,7 @@ std::vector<std::byte> page_of_one(std::uint64_t at_ns, bool lost_before) {
   return page;
 }
 
-TEST(Ring, SaysOfWhichTimeTheKernelLostSomething) {
+TEST(Ring, ReportsTheTimeOfLostEvents) {
   Ring ring(1, Room{}.bytes);
   ring.add(0, page_of_one(1000, false));
   ring.add(0, page_of_one(5000, true));

@@ -379,7 +379,7 @@ bool keep_only(std::initializer_list<unsigned> capabilities) {
 }
 
 // The socket is to be had then, and what comes after it is not.
-TEST_P(Xdp, SaysWhatPermissionItWantsBesideThatOfTheSocket) {
+TEST_P(Xdp, NamesTheMissingPermission) {
   const auto wants =
       AllOf(HasSubstr("no permission for"), HasSubstr("root"), HasSubstr("CAP_NET_ADMIN and CAP_BPF"));
   EXPECT_THAT(error_without([] {

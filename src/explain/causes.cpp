@@ -49,7 +49,8 @@ const Row rows[] = {
      {{"kernel.rt-throttling", "off"}}},
     {Cause::idle_cpu,
      "idle-cpu",
-     "{0} was ready, but its CPU did not run: it left an idle state slowly, or a hypervisor paused it",
+     "{0} was ready, but no event shows its CPU running: slow exit from an idle state, or a hypervisor "
+     "paused it",
      none,
      "in a virtual machine pin its CPUs at the host",
      {{"realtime.cpu-latency", "0 us"}}},
@@ -155,7 +156,7 @@ bool is_real_time(const Part& part) { return part.priority < trace::least_ordina
 
 // Whether this setting changes anything for this thread.
 bool can_help(const std::string& key, const Part& part) {
-  if (!part.via.empty()) return false;  // no scenario setting applies to a thread of another process
+  if (!part.via.empty()) return false;  // no scenario setting applies to the thread that was waited for
   if (key == "realtime") return !is_real_time(part);
   if (key == "realtime.{2}.priority" || key == "realtime.{2}.cpus" || key == "kernel.rt-throttling")
     return is_real_time(part);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What held up a message on one leg of its way, and what the leg's threads did besides.
+// The delays of a message on one leg, and what else the leg's threads did.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace ontime::explain {
 
-// How long a thread ran, or slept, at a stage. That holds a message up only where it is more than usual.
+// How long a thread ran or slept at a stage. It is a delay only if it is longer than usual.
 struct Spent {
   Part whose;
   std::int64_t ns = 0;

@@ -10,7 +10,7 @@
 namespace ontime::explain {
 namespace {
 
-constexpr std::int64_t stretch_ns = 100'000'000;  // of which the quickest answer will do
+constexpr std::int64_t stretch_ns = 100'000'000;  // the quickest answer of each such stretch is used
 constexpr std::int64_t drift_in =
     10'000;  // 1 in as many: two oscillators, each 50 ppm from what it should be
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How the server's clock goes beside the client's at each moment of a run, for two clocks drift apart: by
-// that answer which says it best then, a quick one or a near one.
+// The offset between the server's and the client's clock at each time of a run (clocks drift), from the
+// answer that bounds it best at that time: a quick or a near one.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +16,7 @@ class Drift {
   Drift(const record::Reader&, std::int64_t run);
 
   struct Beside {
-    std::int64_t difference_ns = 0;   // what the server's clock shows more
+    std::int64_t difference_ns = 0;   // server's clock minus client's
     std::int64_t uncertainty_ns = 0;  // either way
   };
   Beside at(std::int64_t sent_ns) const;  // by the client's clock

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where messages ended that never came, and links that carried nothing.
+// Where lost messages ended, and links that were down.
 #include <algorithm>
 #include <map>
 #include <string>
@@ -12,8 +12,8 @@ namespace {
 using trace::Event;
 using trace::Kind;
 
-// The news that a link was taken down, or lost its carrier, comes so late at most: of a carrier the kernel
-// tells once a second.
+// The maximum delay of the kernel's report that a link was taken down, or lost its carrier (reported once a
+// second).
 constexpr std::int64_t told_late_ns = 20'000'000, of_carrier_told_late_ns = 1'000'000'000;
 const std::string no_neighbour = "no neighbour";
 
@@ -27,8 +27,8 @@ std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int
 
 }  // namespace
 
-// Which interface could carry nothing in that time, or so shortly before it that this is felt still. Where
-// one is taken down the other end has no carrier either.
+// The interface that was down in that time, or so shortly before that it still has an effect. If one end is
+// taken down, the other has no carrier either.
 std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64_t to_ns,
                                    std::int64_t most_felt_ns) const {
   if (to_ns < from_ns) return {};  // by two clocks
@@ -52,9 +52,9 @@ std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64
   return {};
 }
 
-// Whether the kernel is known to have had no way for what the end sent first. A socket may be bound to an
-// interface and need no route, and a neighbour may answer: then a packet goes after all, by the thread that
-// took in the neighbour's answer.
+// Whether the trace shows that the kernel had no route or neighbour for the end's first packet. A socket
+// bound to an interface needs no route, and a neighbour may still answer: then the packet is sent, by the
+// thread that received the neighbour's answer.
 bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
   if (from.timeline == nullptr) return false;
   const auto& events = from.timeline->events();
@@ -110,15 +110,15 @@ bool Way::lost_between(Delay& found, const End& from, const End& to, const Packe
   return false;
 }
 
-// Whether what became of a packet may be the lack of a link.
+// Whether a link that was down may explain the packet's end.
 bool may_be_of_a_link(const Part& part) {
   return part.cause == Cause::unreachable ||
          (part.cause == Cause::dropped &&
           (part.culprit.starts_with("DEV_READY") || part.culprit.starts_with("__dev_forward_skb")));
 }
 
-// Kernel threads that should have taken in a packet that was sent: NAPI's of the interface, or softirqs' of
-// the CPU.
+// Adds the delay of kernel threads that should have received a sent packet: NAPI threads of the interface, or
+// ksoftirqd of the CPU.
 void Way::not_taken_in(Delay& found, const End& to, const Packet& packet, std::int64_t until_ns) const {
   if (to.timeline == nullptr || packet.sent == nullptr) return;
   constexpr std::size_t most_of_a_name = 15;  // that the kernel keeps
@@ -165,7 +165,7 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
     else
       not_taken_in(found, server_, there, until_ns);
   }
-  // What let it go on soon is not what lost it; and one that sleeps may wait for the next.
+  // A short delay did not lose it; and a sleeping thread may wait for the next message.
   std::erase_if(found.parts, [&](const Part& part) {
     return part.cause == Cause::waited || (part.cause != Cause::dropped && part.cause != Cause::unreachable &&
                                            part.ns < (until_ns - sample.sent_ns) / 2);

@@ -9,8 +9,8 @@ using trace::Kind;
 
 namespace {
 
-// An interface hands a packet on while it sends it: on that CPU, and in that thread, which need not be the
-// one that gave it to the kernel, for a queue may let it go later.
+// An interface hands a packet on while it sends it, on the same CPU and in the same thread. That need not be
+// the thread that gave it to the kernel: a queue may release it later.
 bool is_handed_on(const Packet& packet, const trace::Event& event) {
   return packet.sent != nullptr && packet.received == nullptr && packet.sent->cpu == event.cpu &&
          packet.sent->thread.id == event.thread.id && packet.queues.back().in->what != event.what &&

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What became of the packets that threads gave to the kernel of their machine.
+// Follows the packets that threads give to their machine's kernel.
 #pragma once
 
 #include <cstdint>
@@ -10,20 +10,21 @@
 
 namespace ontime::explain {
 
-// An interface's queue, or none: nullptr is what was not seen of it.
+// The passage of an interface's queue; nullptr: no event of it.
 struct Queue {
   const trace::Event *in = nullptr, *out = nullptr;
 };
-// Events of the timeline, or nullptr. Of one that was dropped before it was queued that is all. It was
-// `queued` by the thread that gave it to the kernel, and `sent` when it left the last of its queues.
+// Events of the timeline, or nullptr. A packet dropped before it was queued has only `dropped`. `queued` is
+// by the thread that gave it to the kernel, `sent` when it left its last queue.
 struct Packet {
   const trace::Event *queued = nullptr, *sent = nullptr, *received = nullptr, *dropped = nullptr;
   std::vector<Queue> queues{};  // of the interface, and of those that it was handed on to
 };
 
-// Of threads that are `ours`, from `from_ns` until `to_ns`, in order. The kernel gives a packet's number to
-// another as soon as it is done with it; one that comes again on another interface by the thread that has
-// just sent it is handed on, by a bridge or a VLAN. `one_machine`: what is received there is what was sent.
+// Packets of threads that are `ours`, from `from_ns` until `to_ns`, in order. The kernel reuses a packet's
+// number as soon as the packet is freed. The same number on another interface, by the thread that has just
+// sent it, is the same packet, handed on by a bridge or a VLAN. `one_machine`: a received packet is a sent
+// one.
 std::vector<Packet> packets_of(const Timeline&, const std::function<bool(std::int32_t thread)>& ours,
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Who came onto which CPU, where the kernel says it and where only what it says beside shows it.
+// Which thread ran on which CPU: from traced switches, and inferred from other events.
 #pragma once
 
 #include <cstdint>
@@ -9,22 +9,22 @@
 
 namespace ontime::explain {
 
-// The kernel's, of SCHED_OTHER with nice 0; of whom no event says another.
+// The kernel's priority of SCHED_OTHER with nice 0; assumed for threads without an event that states it.
 inline constexpr std::int32_t ordinary_priority = 120;
 
-// A switch, a waking or a move. Of a switch that nothing says but what happened afterwards, `event.at_ns` is
-// the earliest moment at which it can have been; otherwise the two times are the same.
+// A switch, a waking or a move. For an inferred switch `event.at_ns` is the earliest possible time and
+// `latest_ns` the latest; otherwise the two are equal.
 struct Scheduled {
   trace::Event event;
   std::int64_t latest_ns;
 };
 
-// Of events in order of time. There are kernels that do not trace every switch (seen: 6.18 under
-// Firecracker). So where an event on a CPU was made by another thread than the one that came there last, a
-// switch is inferred: after what the one before did there last, and after the new one was woken. What the one
-// before is at since is not known (""). Of the time before `begin_ns` only what the CPUs and threads are at
-// then was kept. Only switches from idle are inferred there; a switch that is not the last of its CPU was
-// kept for who left: who came is gone, and is `nobody` here.
+// From events in order of time. Some kernels do not trace every switch (seen: 6.18 under Firecracker). So if
+// another thread than the last one switched to makes an event on a CPU, a switch is inferred: after the last
+// event of the earlier thread there, and after the new one was woken. The state of the earlier thread is then
+// unknown (""). From before `begin_ns` only the events that give the state of CPUs and threads at that time
+// are kept. There only switches from idle are inferred; a switch that is not the last of its CPU was kept for
+// the thread that left: the thread that came has left since, and is `nobody` here.
 std::vector<Scheduled> scheduling_of(const std::vector<trace::Event>&, std::int64_t begin_ns);
 inline constexpr std::int32_t nobody = -1;
 

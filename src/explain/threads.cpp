@@ -9,11 +9,11 @@ namespace {
 
 using trace::Kind;
 
-// Longer than a kernel that is not preemptible keeps a real-time thread from its CPU (seen: 10.7 ms).
+// Longer than a kernel without preemption delays a real-time thread (seen: 10.7 ms).
 constexpr std::int64_t surely_throttled_ns = 20'000'000;
-constexpr std::int64_t after_a_tick_ns = 1'000'000;  // it comes no later than that
-// Longer than any idle state takes to leave, and than a CPU that a hypervisor runs again takes for the
-// interrupts that came meanwhile.
+constexpr std::int64_t after_a_tick_ns = 1'000'000;  // the largest delay of a tick
+// Longer than the exit latency of any idle state, and than the handling of interrupts that collected while a
+// hypervisor paused the CPU.
 constexpr std::int64_t slow_to_wake_ns = 1'000'000;
 constexpr std::int64_t of_a_page_ns = 200'000;  // longer than the kernel computes to fetch one
 const std::string sigstop = "19", sigtstp = "20";
@@ -116,7 +116,7 @@ class Follower {
       add(cause, when);
   }
 
-  // What held up the thread that it waited for held up this one, where it took most of the wait.
+  // If the thread that it waited for was itself delayed for most of the wait, that delay's cause counts.
   void add_waited_for(Cause cause, const Stretch& when, const std::optional<Waker>& waker) {
     if (!whose_.via.empty() || !is_by_thread(waker) || waker->thread == whose_.thread_id)
       return add_woken(cause, when, waker);
@@ -137,8 +137,7 @@ class Follower {
     delay_.add(part_of(cause, whose.via, {waker->thread}), left_ns, {when});
   }
 
-  // Between two waits for pages a thread comes to its CPU and runs for the next of them, if that is short; it
-  // is one cause.
+  // A short run between two waits for pages belongs to the page faults: it is one cause.
   bool fetches_pages(std::size_t place) const {
     const auto waits_for_a_page = [&](const Stretch& stretch) {
       return stretch.state == State::blocked &&
@@ -159,9 +158,9 @@ class Follower {
     return between_ns <= of_a_page_ns;
   }
 
-  // How long, in the whole of a wait, ordinary threads had the CPU of a real-time one; a thread that is moved
-  // from CPU to CPU has several stretches of it. Where the scheduler gave them the CPU meanwhile, or instead
-  // of another real-time thread, it passed over those that are real-time.
+  // How long, in the whole wait, ordinary threads had the CPU of a real-time one (a thread that moves between
+  // CPUs has several stretches of a wait). If the scheduler switched to an ordinary thread in that time, or
+  // from another real-time thread to an ordinary one, real-time threads were throttled.
   struct Outranked {
     std::int64_t ns = 0;
     bool passed_over = false;
@@ -185,7 +184,7 @@ class Follower {
     return all;
   }
 
-  // Until when a thread was ready and passed over: then at the latest the scheduler let its CPU idle.
+  // Until when a ready thread was passed over: the last time that the scheduler let its CPU idle.
   static std::int64_t passed_over_until_ns(const std::vector<Held>& holders, const Stretch& stretch) {
     auto until_ns = stretch.from_ns;
     for (const auto& held : holders)
@@ -195,7 +194,7 @@ class Follower {
     return until_ns;
   }
 
-  // It was ready: by who had the CPU that it was to run on.
+  // It was ready: the cause depends on which thread had the CPU that it was to run on.
   void waited_for_cpu(const Stretch& stretch, const Outranked& outranked) {
     auto left_ns = stretch.length_ns();
     const auto holders = timeline_.holders(stretch.cpu, stretch.from_ns, stretch.to_ns);
@@ -211,7 +210,7 @@ class Follower {
     delay_.add(part_of(Cause::unknown), left_ns, {});
   }
 
-  // Whether the CPU ran, other than for what it does as it wakes.
+  // Whether the CPU ran, apart from its work on leaving idle.
   bool lived(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
     return timeline_.lives(cpu, from_ns + at_once_ns, to_ns - slow_to_wake_ns);
   }
@@ -242,7 +241,7 @@ class Follower {
     delay_.add(part, ns, {when});
   }
 
-  // A busy CPU is interrupted by its tick; one that a hypervisor paused is not.
+  // The tick interrupts a busy CPU, but not one that a hypervisor paused.
   Cause why_behind(int cpu, const Held& held, std::int64_t passed_over_ns, const Outranked& all) const {
     const bool outranked = is_outranked(held, whose_.priority);
     if (outranked &&
@@ -277,9 +276,8 @@ class Follower {
       add(cause, stretch);
   }
 
-  // Before it began with the message its sleep is no delay, but where another thread ended what its timer
-  // should have. Of the kernel's threads, and of what a packet woke, sleep says that there was nothing to do
-  // yet.
+  // Sleep before it began with the message is no delay, unless another thread woke it instead of its timer.
+  // Sleep of kernel threads, or sleep that a packet ended, only shows that there was nothing to do yet.
   void slept(const Stretch& stretch, bool has_begun) {
     const auto waker = timeline_.waker_of(whose_.thread_id, stretch.to_ns);
     const bool is_no_timer = whose_.stage == Stage::woke && timeline_.sees_timers() && is_by_thread(waker) &&

@@ -27,7 +27,7 @@ int cpu_of(const std::string& text) {
   return cpu;
 }
 
-// What an event makes of a thread, and what it must have been at before.
+// The state of a thread after an event, and the state that it must have had before.
 struct Change {
   State before, after;
   int cpu;
@@ -46,7 +46,7 @@ std::optional<Change> change_of(const Event& event, std::int32_t thread, State n
   return {};
 }
 
-// Who came to a CPU may have another name since, and another priority; it counts as urgent as it was at most.
+// The name and priority of a running thread may change; its highest priority counts.
 trace::Thread as_it_left(trace::Thread came, const trace::Thread& left) {
   if (left.id != came.id) return came;
   if (!left.name.empty()) came.name = left.name;
@@ -66,8 +66,8 @@ bool is_timers(const Event& event) {
          (event.kind == Kind::interrupt && event.what.find("timer") != std::string::npos);
 }
 
-// The period of the kernel's tick (CONFIG_HZ): the commonest of Linux' between two interrupts of a CPU's
-// timer. Where they do not say, the longest.
+// The period of the kernel's tick (CONFIG_HZ): the most frequent of Linux' possible periods between two timer
+// interrupts of a CPU. If they do not show it, the longest.
 std::int64_t tick_of(const std::vector<Event>& events) {
   constexpr std::int64_t periods_ns[] = {1'000'000, 3'333'333, 4'000'000, 10'000'000};
   constexpr int surely_some = 3;
@@ -97,7 +97,7 @@ Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
   find_interrupts();
 }
 
-// Once, for it is asked of every stretch of a thread. Within one another they count once, as the outermost.
+// Computed once: every stretch of a thread needs it. Nested interrupts count once, as the outermost.
 void Timeline::find_interrupts() {
   struct Open {
     int depth = 0;
@@ -143,7 +143,7 @@ std::vector<Stretch> Timeline::of(std::int32_t thread, std::int64_t from_ns, std
     surely_ns = latest_ns;
     cpu = change->cpu;
   }
-  // A thread that is at anything but sleep is named at the beginning of each window.
+  // Each window begins with an event for every thread that does not sleep.
   until(to_ns, seen ? now : State::sleeps, cpu);
   return stretches;
 }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What threads and CPUs were at, from the events of one machine.
+// The states of threads and CPUs over time, from the events of one machine.
 #pragma once
 
 #include <cstdint>
@@ -32,7 +32,7 @@ struct Stretch {
   int cpu;  // on which it runs, or is to run; -1: not known
   std::int64_t length_ns() const { return to_ns - from_ns; }
 };
-// Who had a CPU: id 0 is none.
+// The thread that had a CPU; id 0: idle.
 struct Held {
   std::int64_t from_ns, to_ns;
   trace::Thread thread;
@@ -51,7 +51,7 @@ struct Waker {
 
 class Timeline {
  public:
-  // By a clock that shows `later_ns` more than that of the events.
+  // All times by a clock that is `later_ns` ahead of that of the events.
   Timeline(const trace::Window&, std::int64_t later_ns);
 
   const std::vector<trace::Event>& events() const { return events_; }
@@ -59,22 +59,22 @@ class Timeline {
   std::optional<State> state_at(std::int32_t thread, std::int64_t at_ns) const;
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
-  // When the thread freed memory for itself.
+  // When the thread freed memory for itself (direct reclaim).
   std::vector<Interrupted> reclaims(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const;
   // Whether that thread thawed a control group then.
   bool thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const;
-  // By which that CPU has come to what it is at then; nullptr: none, or none that the kernel traced.
+  // The last switch on that CPU before that time; nullptr: none, or not traced.
   const trace::Event* last_switch(int cpu, std::int64_t at_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
   // The longest time within which nothing happened on it.
   std::int64_t silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::int64_t tick_ns() const { return tick_ns_; }  // the clock of a CPU that is busy interrupts it so often
   bool sees_timers() const { return sees_timers_; }  // its timers' interrupts are among the events
-  // Who ended the sleep or wait that it was in until `until_ns`; nullopt: nothing says it.
+  // Which thread or interrupt ended its sleep or wait at `until_ns`; nullopt: unknown.
   std::optional<Waker> waker_of(std::int32_t thread, std::int64_t until_ns) const;
-  // The kernel's functions that it waited in then; "": nothing says it.
+  // The kernel functions that it waited in; "": unknown.
   std::string waited_in(std::int32_t thread, std::int64_t until_ns) const;
-  // As an event last said it; what no event says is 120: SCHED_OTHER.
+  // As the last event states it; without one 120: SCHED_OTHER.
   std::int32_t priority_of(std::int32_t thread) const;
   std::string name_of(std::int32_t thread) const;
 

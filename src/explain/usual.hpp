@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How long a run's messages usually take, stage by stage as far as the record tells, and how the two ends'
-// clocks go beside one another.
+// The usual duration of each recorded stage of a run's messages, and the offset of the two ends' clocks.
 #pragma once
 
 #include <array>
@@ -21,13 +20,13 @@ struct Leg {
 
 class Usual {
  public:
-  // Medians of the messages that were answered on time, or of all that were answered where none was: where
-  // most are late, what makes them late is not usual. `one_clock`: both ends have the same.
+  // Medians of the messages on time, or of all answered ones if none was on time: if most are late, the delay
+  // does not count as usual. `one_clock`: both ends have the same clock.
   Usual(const record::Reader&, std::int64_t run, bool one_clock);
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
   // By the client's clock; of an answered message whose server said when.
   std::array<Leg, legs> of(const roundtrip::Sample&) const;
-  // What is to be added to a time of the server's clock, of what was sent then by the client's.
+  // To be added to a time of the server's clock, for a message sent at that time of the client's clock.
   std::int64_t server_later_ns(std::int64_t sent_ns) const { return -clocks_.at(sent_ns).difference_ns; }
   std::int64_t uncertainty_ns(std::int64_t sent_ns) const { return clocks_.at(sent_ns).uncertainty_ns; }
 

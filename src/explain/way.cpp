@@ -12,7 +12,7 @@ namespace {
 using trace::Event;
 using trace::Kind;
 
-// Of a message that takes several packets, the first has as many at least: every IPv4 link takes 576.
+// The minimum size of the first packet of a fragmented message: every IPv4 link carries 576 bytes.
 constexpr std::int64_t fragment_bytes = 500;
 constexpr std::int64_t header_bytes = 34;  // of each packet, at least: Ethernet's and IPv4's
 
@@ -27,7 +27,7 @@ std::int64_t next_sent_ns(const Timeline& timeline, std::int32_t thread, std::in
   return std::numeric_limits<std::int64_t>::max();
 }
 
-// Since when a thread has had its CPU that has it now.
+// When the running thread got its CPU.
 std::int64_t running_since_ns(const Timeline& timeline, std::int32_t thread, std::int64_t at_ns) {
   const auto stretches = timeline.of(thread, timeline.events().front().at_ns, at_ns);
   const auto before = std::find_if(stretches.rbegin(), stretches.rend(),
@@ -45,8 +45,8 @@ bool End::has(std::int32_t thread) const {
   return std::ranges::find(threads, thread, &KnownThread::id) != threads.end();
 }
 
-// Whether any packet that went from one end's interface came to the other's as the same, as between two
-// network namespaces; over a wire it is another.
+// Whether packets keep their number from one end's interface to the other's, as between two network
+// namespaces; over a wire they do not.
 bool hands_packets_over(const End& one, const End& other) {
   if (one.timeline == nullptr || one.timeline->events().empty()) return false;
   const auto anybody = [](std::int32_t) { return true; };
@@ -88,7 +88,8 @@ const KnownThread* Way::with(const End& end, const std::string& role) {
   return found == end.threads.end() ? nullptr : &*found;
 }
 
-// A middleware has several: the one that ran when the message was there, or else one that should have.
+// Of a middleware's several receive threads: the one that ran when the message arrived, else one that should
+// have.
 const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   if (end.timeline == nullptr) return nullptr;
   const KnownThread* best = nullptr;
@@ -100,9 +101,8 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   if (running.empty()) return best;
-  // Of several, as a multi-threaded executor has them, the one that answers is the one that sends first. Who
-  // takes an answer sends nothing: of those, the one that began last, for the others had something else to
-  // do.
+  // A multi-threaded executor has several: the one that answers is the one that sends first. A thread that
+  // takes an answer sends nothing: of these the one that began last, for the others were busy otherwise.
   const auto rank = [&](const KnownThread* one) {
     return std::pair(next_sent_ns(*end.timeline, one->id, at_ns),
                      -running_since_ns(*end.timeline, one->id, at_ns));
@@ -110,7 +110,7 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   return *std::ranges::min_element(running, {}, rank);
 }
 
-// From the packet's arrival on, by the threads of the end that hand it on, the last first.
+// The delay from the packet's arrival on: through the threads that hand it on, the last one first.
 void Way::receiver(Delay& found, const End& end, std::int64_t from_ns, std::int64_t to_ns) const {
   const auto* last = receives(end, to_ns);
   if (last == nullptr) return;
@@ -122,7 +122,7 @@ void Way::receiver(Delay& found, const End& end, std::int64_t from_ns, std::int6
       if (event.kind == Kind::waking && event.thread.id == id && event.at_ns > from_ns + at_once_ns &&
           event.at_ns < to_ns)
         woken = &event;
-    // One that had begun with the message already waits for a lock, or for what another does for it.
+    // A thread that had already begun with the message waits for a lock, or for the work of another thread.
     const bool had_begun = woken != nullptr && has_run(*end.timeline, id, from_ns, woken->at_ns);
     const bool by_another = woken != nullptr && !had_begun && woken->other.id != id &&
                             end.has(woken->other.id) &&
@@ -135,7 +135,7 @@ void Way::receiver(Delay& found, const End& end, std::int64_t from_ns, std::int6
   }
 }
 
-// The last of a message's packets: with it the message is whole. Or one of them that was dropped.
+// The last of a message's packets, which completes it; or a dropped one.
 Packet Way::last_packet(const End& from, std::int64_t from_ns, std::int64_t to_ns) const {
   const auto ours = [&](std::int32_t thread) { return from.has(thread); };
   Packet last;
@@ -155,8 +155,8 @@ Packet Way::last_packet(const End& from, std::int64_t from_ns, std::int64_t to_n
   return last;
 }
 
-// The kernel may join several packets into one (GRO): then the first of them is received, with the bytes of
-// all, and the others are freed with it, which is no drop.
+// GRO may join several packets into one: then the first is received, with the bytes of all, and the others
+// are freed with it, which is not a drop.
 constexpr std::string_view freed_with_another = "skb_release";
 void find_joined(Packet& packet, const End& to, std::int64_t to_ns) {
   const bool is_freed = packet.dropped != nullptr && packet.dropped->what.starts_with(freed_with_another);
@@ -229,8 +229,8 @@ void Way::held_in_queue(Delay& found, const End& from, const Packet& packet, std
   }
 }
 
-// By the kernel's threads that take it in, the last first: NAPI's may be woken by an interrupt's. Who ran
-// when that was woken was only interrupted.
+// Through the kernel threads that receive it, the last one first: an interrupt thread may wake a NAPI thread.
+// The thread that ran at that wake-up was only interrupted.
 void Way::brought(Delay& found, const End& to, std::int32_t id, std::int64_t from_ns,
                   std::int64_t to_ns) const {
   const auto& timeline = *to.timeline;
@@ -248,8 +248,7 @@ void Way::brought(Delay& found, const End& to, std::int32_t id, std::int64_t fro
   }
 }
 
-// What the kernel did with a packet from when it came until it woke its reader: rules of packet filters,
-// mostly.
+// The kernel's work on a packet from its arrival until it wakes the reader: mostly packet filter rules.
 void Way::taken_in(Delay& found, const End& to, const Event& received, std::int64_t to_ns) const {
   const auto& timeline = *to.timeline;
   const auto softirq = timeline.interrupts(received.cpu, received.at_ns, to_ns);
@@ -271,7 +270,8 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
   const auto way = packet(from, to, from_ns, to_ns);
   if (way.queued == nullptr || way.dropped != nullptr) {
     receiver(found, to, from_ns, to_ns);
-    // What is unknown is so where the packet was seen last: another process may have held it, or the kernel.
+    // The unknown part belongs to where the packet was last seen: another process or the kernel may have held
+    // it.
     if (from.timeline != nullptr) found.last = {.stage = Stage::left, .end = from.name};
     return;
   }
@@ -291,7 +291,7 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
   receiver(found, to, way.received->at_ns, to_ns);
 }
 
-// Whether a neighbour was asked who has the address.
+// Whether the kernel asked for the neighbour's address (ARP).
 bool is_sought_by(const End& from, const Leg& times) {
   if (from.timeline == nullptr) return false;
   return std::ranges::any_of(from.timeline->events(), [&](const Event& event) {
@@ -300,7 +300,7 @@ bool is_sought_by(const End& from, const Leg& times) {
   });
 }
 
-// What is over the usual, and no state of a thread or packet accounts for: the largest first.
+// The part above the usual duration that no state of a thread or packet explains: the largest first.
 void Way::rest(Delay& found, std::size_t leg, const Leg& times) const {
   auto left_ns = times.length_ns() - found.held_ns - usual_.leg_ns(leg);
   const auto take = [&](Part part, Cause cause, std::int64_t most_ns, const std::vector<Stretch>& when) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A message's way through both ends, and where it was held up.
+// A message's path through both ends, and where it was delayed.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ struct KnownThread {
   std::int32_t id;
   std::string role;
 };
-// A time in which the end's interface could carry nothing.
+// A time in which the end's interface was down.
 struct Down {
   std::int64_t from_ns, to_ns;
   bool taken;  // taken down; false: it had no carrier
@@ -33,12 +33,12 @@ struct End {
   bool has(std::int32_t thread) const;
 };
 
-// Within which a packet that is sent is queued or dropped.
+// A sent packet is queued or dropped within this time.
 inline constexpr std::int64_t before_queue_ns = 1'000'000;
-// For so long after a link was down its neighbours may have to be found again, which is tried once a second.
+// For this long after a link was down, neighbours may have to be found again (ARP tries once a second).
 inline constexpr std::int64_t forgotten_ns = 3'000'000'000;
 
-// The first packet of a message has as many at least.
+// The minimum size of a message's first packet.
 std::int64_t least_packet_bytes(std::int64_t payload_bytes);
 
 class Way {
@@ -46,9 +46,9 @@ class Way {
   // `one_machine`: both ends have one timeline.
   Way(End client, End server, const Usual&, std::int64_t payload_bytes, bool one_machine);
 
-  // All of what is above the usual, by cause, the largest first.
+  // The delay above the usual duration, by cause, the largest first.
   std::vector<Part> delays_of(const roundtrip::Sample&);
-  // Where it went, as far as can be seen.
+  // Where a lost message ended, as far as the trace shows it.
   std::vector<Part> loss_of(const roundtrip::Sample&, std::int64_t until_ns);
 
  private:

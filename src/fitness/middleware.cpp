@@ -29,9 +29,9 @@ constexpr Fault faults[] = {
      "threads",
      "set the priorities of its other threads in CYCLONEDDS_URI (Threads); ontime counts losses itself"},
     {"Fast DDS", "2.9.", "it cannot set priorities of its threads (2.13 can) and gives them no names",
-     "start the robot's program as SCHED_FIFO, which its threads inherit: chrt --fifo 70 PROGRAM (ontime "
-     "sets "
-     "its own threads: realtime on)"}};
+     "start the robot's program as SCHED_FIFO, which its threads inherit: chrt --fifo 70 PROGRAM (for "
+     "ontime: "
+     "realtime on)"}};
 
 Finding finding_of(const Library& library, const std::string& version, const std::string& folder) {
   const auto is = fmt::format("{} {} ({})", library.name, version, folder);

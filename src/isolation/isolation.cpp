@@ -45,10 +45,10 @@ std::string some_of(const std::vector<std::string>& names) {
                      names.size() > named ? fmt::format(" and {} more", names.size() - named) : "");
 }
 
-// Of one file, as the kernel says it.
+// The text of a kernel file; "gone" if it does not exist.
 std::string said(const std::string& file) { return read_file(file).value_or("gone"); }
 
-// The CPUs that a group has indeed.
+// The CPUs that a group actually has.
 std::string cpus_in(const std::string& folder, bool unified) {
   return said(folder + (unified ? "/cpuset.cpus.effective" : "/cpuset.cpus"));
 }
@@ -67,8 +67,8 @@ void check_spare(const std::string& asked, const Cpus& kept, const std::string& 
         fmt::format("CPUs {} are all CPUs. Fix: leave at least one CPU to the other processes", asked));
 }
 
-// All processes have the CPUs of the first one. Where these are not all, as with isolcpus, none would
-// be moved by version 1.
+// All processes inherit the CPUs of the first one. If these are not all CPUs, as with isolcpus, cgroup v1
+// would move no process.
 void check_inherited(const std::string& asked, const Cpus& kept, const std::string& everybodys) {
   const auto inherited = cpus_of_thread(1);
   const auto nobodys = without(list(everybodys), inherited);
@@ -184,7 +184,7 @@ void Isolation::keep_cpus() {
   make(balance_kind, "root", "0");
 }
 
-// Again, until no process has made a child meanwhile.
+// Repeated until no process has forked in between.
 void Isolation::move_others() const {
   constexpr int tries = 100;
   const auto root = hierarchy_of("cpuset").folder, folder = folder_of(others);

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// CPUs that are kept for some processes, and a limit for what runs beside them: by the kernel's control
-// groups, of version 2 or 1, whichever the machine has the controller in. Ordinary thread only; root alone
-// may.
+// Reserved CPUs for some processes, and a limit for the load beside them: by control groups of version 2 or
+// 1, whichever has the controller on this machine. Ordinary thread only; needs root.
 //
-// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; no
-// process is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the
-// other CPUs, and back; a process with its own CPUs, or in another group, stays. Where that is true of all
-// (isolcpus, systemd's CPUAffinity=), the CPUs that all have cannot be reserved.
+// cgroup v2: a partition of the root group; the kernel keeps all other processes off its CPUs, and no process
+// is moved. cgroup v1: processes in the root group that may run on all CPUs are moved into a group with the
+// other CPUs, and back at the end; a process bound to CPUs, or in another group, stays. If all processes are
+// bound since boot (isolcpus, systemd's CPUAffinity=), those CPUs cannot be reserved.
 #pragma once
 
 #include <span>
@@ -31,24 +30,23 @@ class Isolation {
   Isolation(const Isolation&) = delete;
   Isolation& operator=(const Isolation&) = delete;
 
-  // That process has the reserved CPUs from now on, with all its threads, and no others. Throws
-  // journal::Error.
+  // Binds that process, with all its threads, to the reserved CPUs. Throws journal::Error.
   void keep(pid_t) const;
   // The CPUs of all others; "" where none are kept.
   const std::string& rest() const { return rest_; }
-  // What a process that is to run beside writes a 0 into, before anything else: files of the kernel.
+  // Kernel files into which a load process writes a 0 at its start, to join the load's group.
   std::vector<std::string> beside() const;
 
-  // What was made of the machine, and what it is at this moment ("gone" where it is no more).
+  // The changes of the machine, and their present state ("gone": no longer there).
   struct State {
     std::string setting, thing, before, after, now;  // "cpus", "all other processes": "0-1", "0", "0"
   };
   std::vector<State> state() const;
-  // The threads of others that may run on the reserved CPUs all the same, but for the kernel's own of each
-  // CPU: the first of them, for people; "": there are none.
+  // Other threads that can still run on the reserved CPUs, except the kernel's per-CPU threads: the first
+  // ones, for people; "": none.
   std::string stay() const;
 
-  // Before the end, which does the same. Returns what could not be given back, for people.
+  // Restores everything before the destructor would. Returns a line for each change that could not be undone.
   std::vector<std::string> take_back();
 
  private:
@@ -67,7 +65,7 @@ class Isolation {
   std::vector<State> limits_;
 };
 
-// What of it a journal may have to give back.
+// The kinds of change that a journal may have to undo.
 std::span<const journal::Kind> kinds();
 
 }  // namespace ontime::isolation

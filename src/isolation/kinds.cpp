@@ -29,7 +29,7 @@ bool accepts_group(const std::string& what) {
          journal::is_own_name(what.substr(slash + 1));
 }
 
-// The kernel numbers folders in the order of their making, and takes no number again.
+// The kernel numbers folders in the order of their creation and never reuses a number.
 Value read_group(const std::string& what) {
   struct stat found {};
   const auto folder = folder_of(what);
@@ -40,8 +40,8 @@ Value read_group(const std::string& what) {
   return std::to_string(found.st_ino);
 }
 
-// Interrupts' threads follow their interrupts; the kernel forgets that when the CPUs of their group change,
-// until it is told those of the interrupt again.
+// Interrupt threads follow their interrupts. When the CPUs of their group change, the kernel forgets this
+// until the CPUs of the interrupt are written again.
 void say_interrupts_again() {
   for (const auto& number : settings::names_in("/proc/irq")) {
     const auto file = fmt::format("/proc/irq/{}/smp_affinity_list", number);
@@ -57,22 +57,21 @@ std::vector<int> cpus_given_to(const std::string& folder) {
   return realtime::cpus_of(read_file(folder + "/cpuset.cpus").value_or("")).value_or(std::vector<int>{});
 }
 
-// Of a cpuset of version 1. Linux before 6.2 forgets which of the group's CPUs a thread had asked for.
+// For a cpuset of cgroup v1. Linux before 6.2 forgets which of the group's CPUs a thread had requested.
 void move_with_its_cpus(pid_t id, const std::string& group, const std::string& root) {
   const auto had = cpus_of_thread(id);
   if (move(id, root + "/tasks") && had != cpus_given_to(group) && cpus_of_thread(id) == cpus_given_to(root))
     set_cpus(id, had);
 }
 
-// Who is in it may have children meanwhile, and who has just ended is not gone at once: again, until it lets
-// itself be removed.
+// Its processes may fork, and ended ones need some time to disappear: repeated until it can be removed.
 void remove_group(const std::string& what) {
   constexpr int tries = 400;
   const auto folder = folder_of(what);
   const auto root = hierarchy_of(what.substr(0, what.find('/')));
   const bool is_cpuset = what.starts_with("cpuset/");
   const auto* const list = root.unified ? "/cgroup.procs" : "/tasks";
-  // A group's end is completed by the kernel some time later, and only then would all have its CPUs again.
+  // The kernel completes the removal of a group some time later; only then all processes have its CPUs again.
   if (const auto partition = folder + "/cpuset.cpus.partition"; is_cpuset && read_file(partition))
     write_file(partition, "member");
   for (int i = 0; i < tries; ++i) {

@@ -72,10 +72,10 @@ std::vector<Thread> threads() {
   return all;
 }
 
-// What the kernel does to all threads of the root when a partition is made, and removed: they get the CPUs of
-// the root. Before Linux 6.2 it forgets those that they have asked for, and those of its own threads always
-// (but for its interrupts', which are said to it again: see remove_group). One that asked for reserved CPUs
-// alone has to go elsewhere.
+// When a partition is made and removed, the kernel gives all threads of the root group the root's CPUs.
+// Before Linux 6.2 it forgets the CPUs that they had requested, and those of its own threads always (except
+// interrupt threads, which are set again: see remove_group). A thread that requested only reserved CPUs has
+// to move.
 bool would_be_forgotten(const Thread& thread, const std::vector<int>& everybodys,
                         const std::vector<int>& kept, bool remembers) {
   if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) return false;

@@ -89,7 +89,7 @@ std::optional<Folder> Folder::find() { return enter(false); }
 
 std::optional<Folder> Folder::enter(bool make) {
   const auto path = folder_path();
-  // Another process may remove the folder with its own journal before we have our turn: come again.
+  // Another process may remove the folder with its own journal while this one waits: try again.
   for (int attempt = 0; attempt < 100; ++attempt) {
     if (make && mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) throw cannot(path, errno);
     Fd fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));

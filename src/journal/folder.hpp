@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The folder of journals and its files, once they are seen to be this user's alone: who could write there
-// could make us change this machine.
+// The folder of journals and its files, after a check that only this user can write to them: another user
+// could otherwise make ontime change this machine.
 #pragma once
 
 #include <optional>
@@ -39,10 +39,10 @@ Error cannot(const std::string& what,
 // /run/ontime, or an ordinary user's own. It exists only while there are journals in it.
 std::string folder_path();
 
-// As long as one lives, no other ontime is at work in the folder. The fewer moments the better.
+// Locks the folder as long as it lives: no other ontime works in it. Keep its life short.
 class Folder {
  public:
-  // Throws Error if it is not ours alone, or if another one is at work in it for ten seconds.
+  // Throws Error if other users can change the folder, or if another ontime locks it for ten seconds.
   static Folder make();
   static std::optional<Folder> find();  // nothing if there is none
 
@@ -59,13 +59,13 @@ class Folder {
   struct Opened {
     Fd fd;
     bool alive = false;        // locked by its owner; else it is locked by us
-    std::string not_believed;  // why its contents are not to be looked at
+    std::string not_believed;  // why its contents are not trusted
   };
   Opened open(const std::string& name) const;
   void remove(const std::string& name) const;
   void keep(const std::string& name) const;  // a journal, from now on among those
 
-  // Of these lines, those that were not told before; they count as told from now on.
+  // Those of these lines that were not reported before; from now on they count as reported.
   std::vector<std::string> not_yet_told(const std::vector<std::string>& lines) const;
 
  private:

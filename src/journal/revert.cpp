@@ -39,13 +39,13 @@ Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
   return now == entry.before || !now ? Fate::nothing_there : Fate::not_ours;
 }
 
-// Where the kernel does not say which boot this is (a /proc without sys), nothing is known to have gone.
+// Without a boot id (a /proc without sys) no change counts as lost by a reboot.
 bool of_another_boot(const Header& header) {
   const auto boot = boot_id();
   return !boot.empty() && !header.boot.empty() && header.boot != boot;
 }
 
-// Whether it was of this journal's owner's making: what was in it went with it.
+// Whether this journal's owner made it: then everything in it is gone with it.
 bool was_made(const std::string& network, const std::vector<Entry>& entries) {
   return std::any_of(entries.begin(), entries.end(), [&](const Entry& entry) {
     return entry.kind == namespace_kind.name && entry.after == network;
@@ -141,8 +141,8 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
   return {.done = std::move(done.lines), .left = std::move(left.lines)};
 }
 
-// Without what is done at its end; and without an end that was never written, as what followed that would be
-// lost with it. Returns how many entries it has now.
+// Removes undone entries at its end, and an incomplete last line, which would spoil the next line. Returns
+// the number of remaining entries.
 std::size_t rewrite(int fd, const std::string& text, const Contents& contents) {
   const auto& entries = contents.entries;
   const auto last = std::find_if_not(entries.rbegin(), entries.rend(), std::mem_fn(&Entry::done));

@@ -29,29 +29,28 @@ struct Error : std::runtime_error {
 // Provenance: hostname, simulated (by what, if this machine is one of `ontime lab`), kernel (release and
 // version), cpu model and count, governor, preemption model, rt_runtime_us / rt_period_us (RT throttling),
 // autogroup, clocksource, limits (rtprio, memlock, cgroup memory), memory_bytes, boot_id (the same for all
-// that share this kernel), and clock: clock_state(). What cannot be read is null, never guessed.
+// containers on this kernel), and clock: clock_state(). Unreadable values are null, never guessed.
 nlohmann::json describe();
 
-// "rt", "full", "voluntary", "none", "lazy", or what the kernel's version leaves open ("dynamic", "none or
-// voluntary"). From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
-// /proc/version (or `uname -v`), which say more or less, the surest first. Pure.
+// "rt", "full", "voluntary", "none", "lazy", or, if only the kernel's version is known, "dynamic" or "none or
+// voluntary". From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
+// /proc/version (or `uname -v`), the most reliable first. Pure.
 std::optional<std::string> preemption(const std::optional<std::string>& realtime,
                                       const std::optional<std::string>& debug,
                                       const std::string& command_line, const std::string& version);
 
-// {"synchronised", "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most
-// by what the source knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine;
-// two of different grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME -
-// CLOCK_MONOTONIC, which drifts}. Asks chronyc and pmc where there are such: a second at the worst, so not
-// during a measurement.
+// {"synchronised", "source": "ptp", "chrony" or "kernel", "error_ns": maximum error of CLOCK_REALTIME as the
+// source states it, "reference": the time source (with PTP the grandmaster, possibly this machine; clocks of
+// different grandmasters are not comparable), "realtime_offset_ns": CLOCK_REALTIME - CLOCK_MONOTONIC, which
+// drifts}. Runs chronyc and pmc if installed, up to a second, so not during a measurement.
 nlohmann::json clock_state();
 // CLOCK_REALTIME - CLOCK_MONOTONIC, by the reading that took the least time.
 std::int64_t realtime_offset_ns();
 
-// What `ontime lab` tells a machine of itself, out of its kernel's command line: "QEMU 7.2.22, …"; nothing:
-// it is no such machine. Pure.
+// How `ontime lab` describes its machine, from the kernel's command line: "QEMU 7.2.22, …"; nullopt: not a
+// machine of the lab. Pure.
 std::optional<std::string> simulated(const std::string& command_line);
-// The word of the command line that says so.
+// The word on the command line that states it.
 std::string simulated_by(const std::string& what);
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
@@ -66,11 +65,11 @@ struct Activity {
 };
 Activity activity();
 void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/stat: its first line
-// {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
-// "memory_pressure": …, "io_pressure": …, "suspended_s": for how long it slept, "clock_moved_s": by how much
-// CLOCK_REALTIME went on more, or less, than time did; "clock_slew_ppm": by how much CLOCK_MONOTONIC, which
-// all times are read from, ran fast (+) or slow beside the hardware's counter, by order of a time service;
-// all three as exact as two clocks can be read at one moment}
+// {"cpu_busy": 0…1, "cpu_stolen": 0…1 (as the hypervisor reports it), "cpu_pressure": 0…1 or null,
+// "memory_pressure": …, "io_pressure": …, "suspended_s": time suspended, "clock_moved_s": how far
+// CLOCK_REALTIME was set forward (+) or back, "clock_slew_ppm": how much faster (+) or slower than the
+// hardware counter a time service let CLOCK_MONOTONIC run, by which ontime measures}. The last three are as
+// exact as two clocks can be read at the same moment.
 nlohmann::json between(const Activity& first, const Activity& last);
 
 // An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).
@@ -81,32 +80,31 @@ struct Interface {
   bool loopback;
 };
 std::vector<Interface> interfaces();
-// The name of the one that has this address, of IPv4 or IPv6, as getnameinfo() writes it.
+// The name of the interface with this IPv4 or IPv6 address, as getnameinfo() writes it.
 std::optional<std::string> interface_with(const std::string& address);
-// In the network namespace of that name, as `ip netns` has it ("": in this process's), the one by which this
-// machine sends to a peer, by address or name; and the one that has an address, or that of a name, to which
-// others send. Throws Error.
+// In the network namespace of that `ip netns` name ("": this process's): the interface on the route to a peer
+// (address or name); and the interface with an own address (or name). Throws Error.
 std::string interface_to(const std::string& peer, const std::string& network_namespace);
 std::string interface_of(const std::string& own, const std::string& network_namespace);
 
-// What has gone over an interface of this process's network namespace since it came up, as the kernel counts
-// it: frames with all their headers, of all programs. Nothing if there is no such interface.
+// The kernel's counters of an interface in this process's network namespace since it came up: frames with all
+// headers, of all programs. nullopt: no such interface.
 struct Traffic {
   std::uint64_t sent_bytes = 0, sent_packets = 0;
   std::uint64_t received_bytes = 0, received_packets = 0;
 };
 std::optional<Traffic> traffic(const std::string& interface);
-// What went over it between two such moments, by the names above; or {"gone": why it is unknown}, if it is
-// not there any more, or is another of that name.
+// The difference, by the names above; or {"gone": reason} if the interface no longer exists or is another one
+// of that name.
 nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last);
-// The same up to now, where at least so many bytes went each way: some drivers refresh their counters once a
-// second only, so what falls short is read again after `wait`.
+// The difference up to now, if at least so many bytes are expected each way: some drivers refresh their
+// counters only once a second, so smaller counts are read again after `wait`.
 void wait_for_counters();
 nlohmann::json since(const Traffic& first, const std::string& interface, std::uint64_t least_bytes,
                      const std::function<void()>& wait = wait_for_counters);
 
-// When an interface could carry nothing, as the kernel reports it: by a thread of its own,
-// ordinary, so some time after it was so if that gets no CPU.
+// Records when an interface was down, as the kernel reports it. Its thread is ordinary: without a CPU it
+// records the time late.
 class LinkWatch {
  public:
   explicit LinkWatch(const std::string& interface);  // from now on; throws Error
@@ -114,9 +112,9 @@ class LinkWatch {
 
   struct Down {
     std::int64_t from_ns, to_ns;  // CLOCK_MONOTONIC; to_ns 0: still
-    bool taken;                   // taken down, or it is gone; false: it had no carrier
+    bool taken;                   // taken down, or removed; false: it had no carrier
   };
-  static constexpr std::size_t most = 100;  // that are kept, the first
+  static constexpr std::size_t most = 100;  // kept: the first ones
   std::vector<Down> downs() const;
 
  private:
@@ -124,38 +122,38 @@ class LinkWatch {
   const std::unique_ptr<Listener> listener_;
 };
 
-// What was dropped so far where this process lives, by what the kernel counts. A datagram may be in several.
-// Nothing: it cannot be read.
+// The kernel's drop counters for this process's network namespace. One datagram may count in several.
+// nullopt: unreadable.
 struct Drops {
   using Count = std::optional<std::uint64_t>;
-  Count own_sockets;  // datagrams that came for this process's UDP sockets and found no room
-  Count udp_receive;  // the same for all programs in this network namespace
-  Count udp_send;     // that programs there could not send
-  Count fragments;    // datagrams of which not all fragments came, or found room
+  Count own_sockets;  // datagrams dropped at this process's UDP sockets: buffer full
+  Count udp_receive;  // datagrams dropped at UDP sockets of all programs in this network namespace
+  Count udp_send;     // datagrams that programs there could not send: buffer full
+  Count fragments;    // datagrams with missing fragments, or without buffer space for them
   Count interface_received, interface_sent;  // frames, on that interface
-  Count backlog;                             // frames, of the whole machine: no room in a CPU's queue
+  Count backlog;                             // frames, on the whole machine: a CPU's queue full
 };
 Drops drops(const std::string& interface);
-// What was dropped between two such moments, by the names above; null where it is unknown: it could not be
-// read, or was set back (a socket that was closed meanwhile took its count with it).
+// The difference, by the names above; null if unknown: unreadable, or set back (a closed socket takes its
+// count with it).
 nlohmann::json between(const Drops& first, const Drops& last);
 
 // Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has
 // mapped.
 std::vector<std::string> shared_memory();
 
-// What another program says; nothing if it is not there, fails, or is not done within the limit (then it is
+// The output of another program; nullopt if it is not installed, fails, or exceeds the limit (then it is
 // killed).
 std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit);
 
 // "Machines" made of one: network namespaces `ontime-controller` and, of each component, `ontime-NAME`, each
 // with an address of 198.18.0.0/24 (RFC 2544's range for benchmarks). One component is joined to the
 // controller by a veth pair; several to a bridge, which is the controller's interface, as machines to a
-// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if another program has a
-// namespace of that name. With a cable, two interfaces of this machine between which there is one join the
-// controller and its one component instead: they are moved there, and come back, as they were, when the
-// namespaces go. Only hardware does that, and only what is down and has no address is as it was then: throws
-// Error where one is anything else.
+// switch. Needs root and iproute2's `ip`. Throws Error, or journal::Error if another program has a
+// namespace of that name. With a cable, two hardware interfaces of this machine, joined by a cable, connect
+// the controller and its one component instead: they are moved into the namespaces, and return when these are
+// removed. Only a hardware interface returns, and only one that was down and without an address is then
+// unchanged: throws Error for any other.
 struct Cable {
   std::string controller, component;
 };
@@ -164,7 +162,7 @@ struct NamespaceEnd {
   std::string host;  // "controller", or the component's name
   std::string name, interface, address;
   std::vector<std::string> prefix;  // {"ip", "netns", "exec", name}
-  std::string port{};  // of the bridge that the controller has then, where components are several
+  std::string port{};               // with several components: the port of the controller's bridge
 };
 // The controller's first.
 std::vector<NamespaceEnd> join_namespaces(journal::Journal&,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This process: its memory, its threads and their priorities, as asked for and as the kernel says they are.
+// This process: its memory, its threads and their priorities, as requested and as the kernel reports them.
 // Ordinary thread only; nothing here is called between the first counted message and the last.
 #pragma once
 
@@ -24,7 +24,7 @@ struct ThreadSettings {
   std::chrono::nanoseconds runtime{0}, deadline{0}, period{0};
 };
 
-// Something asked for that this machine did not give. All three are for people.
+// A denied request. All three texts are for people.
 struct Refusal {
   std::string asked;  // "SCHED_FIFO 80 for thread send"
   std::string found;  // "Operation not permitted (RLIMIT_RTPRIO is 0)"
@@ -40,12 +40,12 @@ bool may_use_fifo(int priority);
 
 // Whether this process may lock all its memory.
 bool may_lock_all();
-// Locks present and future pages, keeps the heap from giving memory back, and touches `heap_bytes` of heap so
-// that no fault is left for later. Threads started afterwards get touched, locked stacks.
+// Locks present and future pages, keeps the heap from returning memory, and touches `heap_bytes` of heap so
+// that no page fault happens later. Threads started afterwards get touched, locked stacks.
 std::vector<Refusal> lock_memory(std::size_t heap_bytes);
 
-// Asks the CPUs not to enter idle states with an exit latency above `latency` for as long as it lives
-// (/dev/cpu_dma_latency). The kernel forgets the request when this process ends, however it ends.
+// Keeps the CPUs from idle states with an exit latency above `latency` as long as the object lives
+// (/dev/cpu_dma_latency). The kernel drops the request when this process ends, however it ends.
 class CpuLatencyRequest {
  public:
   explicit CpuLatencyRequest(std::chrono::microseconds latency);
@@ -59,7 +59,7 @@ class CpuLatencyRequest {
   std::optional<Refusal> refusal_;
 };
 
-// A thread of this process as the kernel says it is (sched_getattr, /proc/self/task/TID/{stat,status,comm}).
+// A thread of this process as the kernel reports it (sched_getattr, /proc/self/task/TID/{stat,status,comm}).
 struct ThreadState {
   pid_t tid = 0;
   std::string name;
@@ -93,7 +93,7 @@ bool has_capability(const std::string& status, int capability);
 // Of the text of /proc/PID/cgroup: the first of these files that is there says how much real-time CPU time
 // its group has, in microseconds of each period; where none is, it is not limited so (cgroup v2).
 std::vector<std::string> budget_files(const std::string& cgroup);
-// Of the same text: "ontime-pong@robot.service"; empty where it is no service of the system.
+// From the same text: "ontime-pong@robot.service"; "" if it is not in a system service.
 std::string service_of(const std::string& cgroup);
 
 // "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.

@@ -19,12 +19,12 @@
 
 namespace ontime::roundtrip {
 
-// With the first two, a cycle that the sending thread slept through is skipped: a message says what is so
-// now, and all that was missed is not sent afterwards in a burst.
+// With the first two, a cycle that the sending thread slept through is skipped: missed messages are not sent
+// later in a burst.
 enum class Schedule {
-  next_free,     // the paper's: an answer later than its period moves the next message to the next free cycle
-  fixed,         // open loop: a message each period whatever the answers do, several in flight
-  back_to_back,  // the next message upon the answer to the last, or its loss
+  next_free,  // closed-loop (the paper's): after a late answer the next message goes in the next free cycle
+  fixed,      // open-loop, periodic: a message each period, whatever the answers do; several in flight
+  back_to_back,  // the next message when the last is answered or lost
 };
 const char* word_of(Schedule);  // "next-free", "fixed", "back-to-back"
 
@@ -49,7 +49,7 @@ struct Counters {
   std::uint64_t reordered = 0;  // answers that came after the answer to a later message
   // Answers whose payload has another size than the message's, also in the warm-up: they settle no message.
   std::uint64_t wrong_size = 0;
-  // Answers with server times that do not fit into the round trip; their samples have none.
+  // Answers whose server times are outside the round trip; their samples have no server times.
   std::uint64_t wrong_server_times = 0;
   // Cycles without a message. With `sent` the cycles of the duration, or those due before stop(); what the
   // sending thread has found out so far, while it runs.
@@ -124,8 +124,9 @@ class Client {
   std::unique_ptr<Measurement> measurement_;
 };
 
-// Ordinary topics beside the critical one: so many, all alike, each as ping and pong are, with one message
-// each period on its way. They have one sending thread at either end, which no setting but `priority` is for.
+// Background topics: ordinary topics beside the critical one, all alike, each a pair like ping and pong, with
+// one message per period and direction. One sending thread at each end sends for all; only `priority` sets
+// it.
 using transport::Where;
 const char* word_of(Where);  // "same-callback-group" …
 struct NeighbourOptions {
@@ -145,7 +146,7 @@ struct NeighbourOptions {
 std::uint64_t messages_asked(const NeighbourOptions&, std::chrono::nanoseconds duration);
 std::string neighbour_topic(std::string critical, int number);  // "/neighbour_1/ping" of "/ping"
 
-// Of one end. What it sent is lost if it is not among what the other end received.
+// Of one end. A sent message is lost if the other end did not receive it.
 struct NeighbourCounters {
   std::uint64_t sent = 0, refused = 0;
   std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period

@@ -154,8 +154,7 @@ std::optional<std::string> name_now(const std::string& interface_or_queue) {
   if (geteuid() == 0 && in_another_namespace([&] { return if_nametoindex(before.c_str()) != 0; }))
     throw journal::Error(
         fmt::format("interface {} (index {}) was moved to another network namespace, or removed; its changed "
-                    "settings may "
-                    "still be in effect there",
+                    "settings may still be in effect there",
                     before, index));
   return {};
 }

@@ -21,7 +21,7 @@ constexpr const char* by_no_table = "err != 0 && tb_id == 254";  // of the last 
 constexpr const char* it_waits = "err != 0";
 constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTOP, SIGTSTP
 
-// The kernel adds its stack to a switch of a thread that is to wait in it, which is seldom.
+// The kernel adds its stack to a switch only if the thread is going to wait in the kernel, which is rare.
 constexpr const char *switches = "events/sched/sched_switch/trigger", *stack = "stacktrace",
                      *of_those_that_wait = "stacktrace if prev_state == 2";
 
@@ -61,8 +61,8 @@ constexpr Wanted wanted[] = {
     {Kind::no_neighbour, "neigh", "neigh_event_send_done", "addresses that no host on the link answered for",
      none, it_waits}};
 
-// The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
-// pre-empted; ready it is then as well.
+// The kernel's TASK_*; those above 0x80 are not exported to user space. The kernel may add a flag for
+// preempted threads, which are also ready.
 char state_of(std::int64_t bits) {
   constexpr std::string_view letters = "SDTtXZPI";
   for (std::size_t i = 0; i < letters.size(); ++i)
@@ -73,8 +73,8 @@ char state_of(std::int64_t bits) {
 constexpr const char* soft_interrupts[] = {"HI",       "TIMER",   "NET_TX", "NET_RX",  "BLOCK",
                                            "IRQ_POLL", "TASKLET", "SCHED",  "HRTIMER", "RCU"};
 
-// The kernel's functions by where they begin; none where it hides its addresses (kernel.kptr_restrict). It
-// takes some tens of milliseconds.
+// The kernel's functions by start address; none if it hides its addresses (kernel.kptr_restrict). Takes some
+// tens of milliseconds.
 std::vector<std::pair<std::uint64_t, std::string>> kernel_functions() {
   std::vector<std::pair<std::uint64_t, std::string>> functions{{0, ""}};
   std::ifstream file("/proc/kallsyms");
@@ -148,8 +148,7 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free), function
     if (std::ranges::none_of(shapes_, [&](const auto& shape) { return shape.second.kind == kind; }))
       throw Error(
           "explain needs the tracepoints sched:sched_switch and sched:sched_waking; this kernel lacks them "
-          "or "
-          "has an unknown format of them");
+          "or has an unknown format of them");
 }
 
 const Decoder::Shape* Decoder::shape_of(const RawEvent& event) const {

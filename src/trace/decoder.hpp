@@ -22,7 +22,7 @@ namespace ontime::trace {
 
 class Decoder {
  public:
-  explicit Decoder(const Tracefs&);  // throws Error where the kernel has not what nothing can be told without
+  explicit Decoder(const Tracefs&);  // throws Error if the kernel lacks an indispensable tracepoint
 
   // What makes an instance record them: to be written to its files, in this order.
   struct Setting {

@@ -29,7 +29,7 @@ constexpr std::size_t kernel_kib = 8192;   // of each CPU: half a second of 250,
 constexpr std::size_t page_bytes = 65536;  // at least what the kernel makes its pages
 constexpr std::int64_t look_back_ns = 2'000'000'000;
 
-// What the CPUs are at, and those threads that do not sleep, as of the last event that was entered.
+// The state of the CPUs and of the threads that do not sleep, after the last entered event.
 class Now {
  public:
   explicit Now(const Decoder& decoder) : decoder_(decoder) {}
@@ -77,8 +77,7 @@ class Now {
   }
 
  private:
-  // There are kernels that do not say how a CPU leaves its idle thread: a thread that does something on it
-  // shows.
+  // Some kernels do not trace a CPU's switch from its idle thread: the next event of a thread on it shows it.
   struct Cpu {
     RawEvent last;  // switch
     bool to_idle;   // it was
@@ -153,7 +152,8 @@ class Recorder::Drain {
         "another ontime traces on this machine, maybe in a container ({}). Fix: end it or wait", found));
   }
 
-  // Of containers with journals of their own: until its end, no other makes an instance.
+  // Excludes an ontime in a container, which has another journal: while this lock is held, no other ontime
+  // makes an instance.
   File be_alone() const {
     auto folder = tracefs_.open("instances", O_RDONLY | O_DIRECTORY);
     for (const auto end = std::chrono::steady_clock::now() + 3s; flock(folder.get(), LOCK_EX | LOCK_NB) != 0;
@@ -162,8 +162,8 @@ class Recorder::Drain {
     return folder;
   }
 
-  // One whose ontime was killed, and whose journal is gone, as with a container. A kernel does not remove a
-  // ring that is read, and an ontime that records reads it all the time.
+  // Removes the instance of a killed ontime whose journal is gone, as with a container. The kernel does not
+  // remove an instance that is being read, and an ontime that records reads it all the time.
   void remove_abandoned() const {
     try {
       if (tracefs_.has(instance_path)) tracefs_.remove(instance_path);

@@ -34,12 +34,12 @@ enum class Kind : std::uint8_t {
   queued,    // a packet is given to an interface
   sent,      // a packet leaves the queue of an interface
   received,  // a packet has come over an interface
-  dropped,   // a packet is thrown away; `what`: the kernel's reason, and where it gives none the function
-             // that did it, "" where it says neither
-  signal,    // `thread` is sent one by `other`; `what`: its number
-  waits,  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
-          // it is in, the innermost first, "" where they are hidden
-  moved,  // `thread` is to run on another CPU from now on; `what`: its number
+  dropped,   // a packet is dropped; `what`: the kernel's reason, else the function that dropped it, "":
+            // neither is known
+  signal,  // `thread` is sent one by `other`; `what`: its number
+  waits,   // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
+           // it is in, the innermost first, "" where they are hidden
+  moved,   // `thread` is to run on another CPU from now on; `what`: its number
   reclaim,  // `thread` needs memory, and begins to free some itself
   reclaim_end,
   freeze,  // `thread` freezes the control group `what` (version 2)
@@ -93,7 +93,7 @@ struct Window {
 nlohmann::json to_json(const Window&);
 Window window_of(const nlohmann::json&);
 
-// What a journal may have to give back.
+// The kinds of change that a journal may have to undo.
 std::span<const journal::Kind> kinds();
 
 // What a recorder keeps at most.
@@ -111,7 +111,7 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  // What this kernel has no tracepoint for, and what cannot be told without it; for people.
+  // For people: tracepoints that this kernel lacks, each with what is unknown without it.
   const std::vector<std::string>& missing() const;
   std::vector<Window> cut(std::vector<Span> spans);  // in order of time
 

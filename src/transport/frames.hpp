@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// What transports below IP share, however their frames reach the link: how two ends find each other, and
-// how a message lies in a frame.
+// Shared by the transports below IP (ethernet, xdp): how two ends find each other, and the frame format.
 //
-// A frame is Ethernet's header with the EtherType for local experiments, a kind, a topic and, when it carries
-// a message, the message's CDR bytes. The topic is a hash of the domain and of the topic's name, so that
-// domains and several components keep apart on one link as they do over DDS. The client calls by broadcast,
-// for whom it likes; who answers first is its peer, and from then on both send to one address alone.
-// No sender gets more bytes back than it sent.
+// A frame has an Ethernet header with the EtherType for local experiments, a kind, a topic and, if it carries
+// a message, the message's CDR bytes. The topic is a hash of the domain and the topic's name, so that domains
+// and components are separate on one link, as with DDS. The client calls by broadcast; the first server that
+// answers is its peer, and from then on both send unicast frames only. No sender gets more bytes back than it
+// sent.
 #pragma once
 
 #include <algorithm>

@@ -112,8 +112,7 @@ inline void permit_launch_times(int fd) {
   if (errno == EPERM)
     throw Error(
         "launch-time: this process may not set launch times of packets (SO_TXTIME). Fix: run as root, or "
-        "grant "
-        "CAP_NET_ADMIN");
+        "grant CAP_NET_ADMIN");
   throw Error("launch-time: this kernel has no SO_TXTIME (needs Linux 4.19): " + errno_text());
 }
 

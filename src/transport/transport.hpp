@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The port that middlewares plug into: bytes in, bytes out, everything created before the first message.
+// The interface for middlewares: bytes in, bytes out, everything created before the first message.
 //
 // A transport is a shared object that exports one `ontime_transport` of type Plugin. It is loaded at run
-// time, one to a process, so that a missing vendor costs nothing and two vendors' libraries never meet. It
-// may use the message room, and its middleware, and nothing else of ontime.
+// time, one per process: a missing middleware costs nothing, and two vendors' libraries are never loaded
+// together. It may use the module `message` and its middleware, and nothing else of ontime.
 #pragma once
 
 #include <array>
@@ -24,11 +24,11 @@
 
 namespace ontime::transport {
 
-// What asked, what found, what to do. Thrown by load() and Plugin::open, never once running.
+// What was requested, what was found, and the fix. Thrown by load() and Plugin::open, never later.
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
-// What was asked can be had on no machine: a wrong word or value (exit code 2, where Error is 3).
+// The request is impossible on any machine: an unknown word or invalid value (exit code 2; Error is 3).
 struct WrongInput : Error {
   using Error::Error;
 };
@@ -49,18 +49,18 @@ struct Qos {
   Durability durability = Durability::volatile_;
 };
 
-// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other"; "resend"
-// for one that sends again, and spins for locks that the others hold: above or beside them at a real-time
-// priority it may never let them go on, so it has none, whatever is asked (seen: two of Fast DDS's, on two
-// CPUs, for minutes); and "unknown" for one of which that cannot be told here, so that the code that gives
-// priorities can say that it got none of its own.
+// The role of a thread: "send", "receive", "delivery", "discovery", "timer", "other"; "resend" for a thread
+// that resends messages and spins on locks that other threads hold: with a real-time priority it could block
+// them forever (seen: two of Fast DDS's threads, on two CPUs, for minutes), so it never gets one, whatever is
+// requested; and "unknown" if the role cannot be found here, so that the caller can report that it got no
+// priority.
 struct Thread {
   pid_t tid;
   std::string role;
   std::string name;  // as the middleware calls it
 };
 
-// What DDS Security wants of a participant, by the names of its properties; never recorded.
+// What DDS Security needs of a participant, by the names of its properties; never recorded.
 struct Security {
   std::string level;                                           // "authenticate", "sign", "encrypt"
   std::string identity_ca, identity_certificate, private_key;  // PEM
@@ -75,30 +75,30 @@ struct Config {
   std::string interface;              // the link under test, by name; empty: the middleware's own choice
   std::string address;                // this host's IPv4 address on that link; set whenever `interface` is
   std::vector<std::string> peers;     // HOST[:PORT]; for DDS, where to look beside multicast
-  // The client's: a longer round trip is late. For a transport that tells of its messages as they go.
+  // The client's deadline: a longer round trip is late. For a transport that reports its messages live.
   std::int64_t deadline_ns = 10'000'000;
   // As ROS 2 names them, whole: "/ping", "/robot/ping". On the wire of DDS they are "rt/ping" …
   std::string ping_topic = "/ping", pong_topic = "/pong";
   int domain = 0;  // DDS domain; UDP: port 7900 + domain where none is given
-  // For how long what send() takes, and all else that is sent, is to wait for its launch: each says when it
-  // is to leave, and a queueing discipline (etf) keeps it until then. 0: it leaves as it is sent.
+  // Each packet carries a launch time, this long after it is sent; the queueing discipline etf keeps it until
+  // then. 0: packets leave at once.
   std::int64_t launch_ns = 0;
-  std::optional<int> priority;  // SO_PRIORITY of what is sent by no IP, and so has none of the packet filter
-  // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
-  // Only what this process is permitted to have is ever asked for here.
+  std::optional<int> priority;  // SO_PRIORITY of frames without IP, for which no packet filter can set it
+  // SCHED_FIFO priority of new threads by role, if the middleware has such a setting. Contains only what this
+  // process is permitted to set.
   std::map<std::string, int> fifo_priority;
-  // Of background topics: they are ordinary, whatever the critical one's options are.
+  // For background topics: ordinary settings, whatever the options of the critical topic.
   bool background = false;
   std::optional<Security> security;            // only for a transport that has it
   std::map<std::string, std::string> options;  // the transport's own, named in Plugin::options
 };
 
-// What a transport's arrivals are given to.
+// Receives a transport's arrivals.
 class Sink {
  public:
-  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`: now_ns(),
-  // read when the application can read these bytes, after the take or the copy, not at a notification: the
-  // same moment for every transport.
+  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`: now_ns() at
+  // the time when the application can read the bytes: after the take or copy, not at the notification. It is
+  // the same moment for every transport.
   // Endpoint::send() may be called from here. May be called by several threads of the middleware at once.
   virtual void arrived(std::uint64_t sequence, std::span<std::byte> payload,
                        std::int64_t arrival_ns) noexcept = 0;
@@ -114,19 +114,19 @@ struct Matched {
   bool both() const noexcept { return readers > 0 && writers > 0; }
 };
 
-// Messages that our reader did not hand to us, since it was opened, as far as the middleware tells. Both are
-// sure once a later message of the same writer has been taken; before that they may lag behind.
+// Messages that the reader did not deliver since it was opened, as far as the middleware reports it. Both
+// counts may lag until a later message of the same writer is taken.
 struct Losses {
-  // Never reached the reader: lost by a link, a full socket buffer, or with parts of it missing; or, of a
-  // reliable writer, given up by its history.
+  // Never reached the reader: lost on the link, at a full socket buffer, or with missing fragments; from a
+  // reliable writer: removed from its history.
   std::optional<std::uint64_t> on_the_way;
-  // Reached it while our thread was busy elsewhere, and gave way to newer ones in its history before we took
-  // them. Of a socket that has no history: found no room in its buffer.
+  // Reached the reader while ontime's thread was busy, and newer ones replaced them in its history before
+  // they were taken. For a socket without history: its buffer was full.
   std::optional<std::uint64_t> overwritten;
 };
 
-// Where topics are beside those of an endpoint, by the most that they share with it. Those of one participant
-// share its threads and sockets. The first four are ROS 2's.
+// Where background topics are, by what they share with the critical topic's endpoint. Topics of one
+// participant share its threads and sockets. The first four are ROS 2's.
 enum class Where {
   same_callback_group,  // and so its node and executor
   same_node,            // and its executor; in a callback group of their own
@@ -140,26 +140,26 @@ constexpr bool is_of_nodes(Where where) { return where < Where::same_participant
 
 class Endpoint {
  public:
-  virtual ~Endpoint() = default;  // after it, the sink is not called any more
+  virtual ~Endpoint() = default;  // the sink is not called after it
 
   // Ordinary thread, before the first message; only with Capabilities::neighbours. Opens another endpoint in
-  // this process, on topics of its own, for as long as this one lives at most. A transport without nodes
-  // takes ROS 2's words for `same_participant`. Throws Error.
+  // this process, with its own topics; this one must outlive it. A transport without nodes treats ROS 2's
+  // values as `same_participant`. Throws Error.
   virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Where) { return nullptr; }
 
-  // Ordinary thread. Called every few milliseconds while a peer is awaited; a transport without
-  // discovery does its handshake here, and one whose own begins with a burst matches no peer before that is
-  // over: it is part of no round trip. Called during the measurement too, so it takes no lock that
-  // send() or an arrival takes.
+  // Ordinary thread. Called every few milliseconds while ontime waits for a peer. A transport without
+  // discovery does its handshake here. If discovery starts with a burst of packets, no peer is matched before
+  // the burst ends, so that it does not disturb a round trip. Also called during the measurement: it takes no
+  // lock that send() or an arrival takes.
   virtual Matched matched() = 0;
   // Ordinary thread, before the first counted message and after the last.
   virtual Losses losses() { return {}; }
-  // What was seen of others while no peer matched, for people (an incompatible QoS, say); empty if nothing.
+  // Text about other participants while no peer matched, such as an incompatible QoS; "": nothing found.
   virtual std::string seen() { return {}; }
 
   // Real-time. False if the middleware refused the message. One caller at a time.
   virtual bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept = 0;
-  // The same, to leave when now_ns() will be `at_ns`. Only with Config::launch_ns.
+  // Sends with a launch time: the message leaves when now_ns() is `at_ns`. Only with Config::launch_ns.
   virtual bool launch(std::uint64_t, std::span<const std::byte>, std::int64_t /*at_ns*/) noexcept {
     return false;
   }
@@ -176,27 +176,27 @@ class Endpoint {
   virtual std::map<std::string, std::string> facts() = 0;
 };
 
-// A message of any topic, as one more reader of it took it.
+// A message of any topic, as an additional reader received it.
 struct Heard {
   std::string_view topic;                 // "rt/cmd_vel"; valid until the call returns
   std::array<std::uint8_t, 16> writer{};  // its GUID
-  std::uint64_t sequence = 0;             // the writer's own number of it
-  std::int64_t stamp_ns = 0;  // when the writer says that it published: CLOCK_REALTIME of its host
-  std::int64_t at_ns = 0;     // when it could be taken here: CLOCK_REALTIME
-  bool is_one_host = false;   // the writer is on this machine
+  std::uint64_t sequence = 0;             // the writer's sequence number
+  std::int64_t stamp_ns = 0;              // source timestamp: CLOCK_REALTIME of the writer's host
+  std::int64_t at_ns = 0;                 // when it could be taken here: CLOCK_REALTIME
+  bool is_one_host = false;               // the writer is on this machine
 };
 
-// Reads topics whatever their types are, as a further reader of each writer. Ordinary thread.
+// Reads topics of any type, as an additional reader of each writer. Ordinary thread.
 class Hearing {
  public:
   virtual ~Hearing() = default;
   // Calls for each message that came since the last time, in the order of each writer.
   virtual void take(const std::function<void(const Heard&)>&) = 0;
-  // What it could not read and why, and what was seen of others, for people.
+  // For people: what could not be read and why, and notes about other participants.
   virtual std::vector<std::string> remarks() = 0;
 };
 
-// What a transport can do. Code above the port goes by this alone, and knows no transport's name.
+// What a transport can do. Code above this interface uses only this, never a transport's name.
 struct Capabilities {
   bool listener = true;
   bool waitset = true;
@@ -217,7 +217,7 @@ struct Option {
   const char* values;  // for people: "single|multi"
 };
 
-// The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
+// The version of the interface, and the sizes of its structures, so that a forgotten rebuild is found.
 inline constexpr int abi = 7 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
@@ -233,11 +233,11 @@ struct Plugin {
 };
 
 // The transport of that name, from $ONTIME_TRANSPORT_PATH (folders, separated by ':'), beside the program
-// (../lib/…/ontime), or the ament index. Throws Error that says where it looked and what to install. A
-// program with file capabilities looks beside itself alone, for with the two variables any user could bring
-// it code. The shared object stays loaded for the life of the process.
+// (../lib/…/ontime), or the ament index. Throws Error with the searched folders and what to install. A
+// program with file capabilities searches only beside itself: through the two variables any user could make
+// it load code. The shared object stays loaded for the life of the process.
 const Plugin& load(const std::string& name);
-// The shared object that load() would load. Throws the Error of load() where there is none.
+// The file that load() would load. Throws the Error of load() if it does not exist.
 std::string find(const std::string& name);
 // The names that load() would find, sorted.
 std::vector<std::string> available();

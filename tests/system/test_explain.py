@@ -175,7 +175,7 @@ class Explain(unittest.TestCase):
             answers.stderr.readline()
             refused = subprocess.run([*ordinary, ONTIME, *ping], capture_output=True, text=True, timeout=60)
             self.assertEqual(refused.returncode, 3)
-            self.assertIn("it takes root", refused.stderr)
+            self.assertIn("needs root", refused.stderr)
             with subprocess.Popen([*pong[:4], "--domain", "89", "--explain", "--results", self.results], stdout=subprocess.DEVNULL,
                                   stderr=subprocess.PIPE, text=True) as traced:
                 traced.stderr.readline()

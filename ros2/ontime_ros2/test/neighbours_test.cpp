@@ -83,7 +83,7 @@ class NeighboursIn : public testing::TestWithParam<std::tuple<const char*, Place
   }
 };
 
-TEST_P(NeighboursIn, HoldTheCriticalOneWhereTheyShareItsThread) {
+TEST_P(NeighboursIn, DelayTheCriticalTopicIfTheyShareItsThread) {
   const Place place = std::get<1>(GetParam());
   const two_ends::Child server(
       [&](int end, int) { two_ends::serve(config_of(Role::server, options()), end); });
@@ -156,7 +156,7 @@ TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
   }
 }
 
-TEST(Neighbours, WaitForThemselvesWhereTheCriticalOneDoes) {
+TEST(Neighbours, UseTheirOwnWaitsetWhereTheCriticalTopicDoes) {
   for (const std::string rmw : rmws) {
     const Options options{{"rmw", rmw}, {"executor", "waitset"}};
     const two_ends::Child server(

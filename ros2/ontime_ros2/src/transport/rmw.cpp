@@ -45,8 +45,7 @@ void check_installed(const std::string& rmw) {
   if (installed.empty())
     throw Error(
         "ros2: no ROS 2 is sourced (AMENT_PREFIX_PATH has none). Fix: source its setup.bash, then that of "
-        "the "
-        "workspace with ontime_ros2");
+        "the workspace with ontime_ros2");
   if (rmw.empty() || installed.contains(rmw)) return;
   std::string text = "ros2: the RMW '" + rmw + "' is not installed; available:";
   for (const auto& name : installed) text += " " + name;
