@@ -49,7 +49,7 @@ TEST(Task, IsUnchangedAfterJson) {
   task.client.duration = 4us;
   task.client.payload_bytes = 5;
   task.client.warm_up = 6;
-  task.neighbours = {.topics = 2,
+  task.background = {.topics = 2,
                      .where = roundtrip::Where::other_process,
                      .payload_bytes = 7,
                      .period = 9us,
@@ -345,7 +345,7 @@ TEST_F(Agent, UndeclaredCapabilityIsRefused) {
               refused("security: sign"));
   EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("launch-time"));
   EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }), refused("/arm/pong"));
-  EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
+  EXPECT_THAT(refusal_with([](Task& more) { more.background = {.topics = 1, .payload_bytes = 10}; }),
               refused("has no background topics"));
 }
 

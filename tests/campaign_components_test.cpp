@@ -270,7 +270,7 @@ TEST_F(Components, OwnKeyThatIsCommonToAllIsRefusedByName) {
   EXPECT_THAT(with("link: {message-priority: 1}"), HasSubstr("arm.link.message-priority: cannot"));
   EXPECT_EQ(with("link: {message-priority: 1}", "[arm]"), "no error");
   EXPECT_EQ(with("link: {loss: 1 %}"), "no error");
-  EXPECT_EQ(with("load: {component: {cpu: 1}}, neighbours: {topics: 1}, transport: cyclonedds"), "no error");
+  EXPECT_EQ(with("load: {component: {cpu: 1}}, background: {topics: 1}, transport: cyclonedds"), "no error");
   EXPECT_THAT(with("perod: 1 ms"), AllOf(HasSubstr("unknown key 'arm.perod'"), HasSubstr("period")));
   EXPECT_THAT(with("period: 1 ms, deadline: 2 s"), HasSubstr("run 'a', arm: deadline (2 s)"));
   EXPECT_THAT(error("components: [arm]\nruns: [{id: a, transport: udp, arm: 5}]\n"),

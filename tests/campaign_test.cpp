@@ -290,22 +290,22 @@ TEST_F(ScenarioFile, MeaninglessQuantitiesAreRefused) {
 }
 
 TEST_F(ScenarioFile, HostsHaveTheirConnectionAndPrefix) {
-  const auto hosts =
-      read(
-          "hosts:\n"
-          "  controller: {place: [ip, netns, exec, left], interface: eth1}\n"
-          "  component: {ssh: me@robot, reach: [sudo, -n], place: [], program: /opt/ontime/bin/ontime, "
-          "interface: eth2, address: 10.0.0.2}\n"
-          "runs: [{id: a, transport: udp}]\n")
-          .hosts;
+  const auto hosts = read(
+                         "hosts:\n"
+                         "  controller: {command-prefix: [ip, netns, exec, left], interface: eth1}\n"
+                         "  component: {ssh: me@robot, host-prefix: [sudo, -n], command-prefix: [], program: "
+                         "/opt/ontime/bin/ontime, "
+                         "interface: eth2, address: 10.0.0.2}\n"
+                         "runs: [{id: a, transport: udp}]\n")
+                         .hosts;
   EXPECT_EQ(hosts.kind, Hosts::Kind::stated);
-  EXPECT_THAT(hosts.controller.reach, testing::IsEmpty());
-  EXPECT_THAT(hosts.controller.place, ElementsAre("ip", "netns", "exec", "left"));
+  EXPECT_THAT(hosts.controller.host_prefix, testing::IsEmpty());
+  EXPECT_THAT(hosts.controller.command_prefix, ElementsAre("ip", "netns", "exec", "left"));
   EXPECT_EQ(hosts.controller.program, "");
   EXPECT_EQ(hosts.controller.ssh, "");
   EXPECT_EQ(hosts.at("component").ssh, "me@robot");
-  EXPECT_THAT(hosts.at("component").reach, ElementsAre("sudo", "-n"));
-  EXPECT_THAT(hosts.at("component").place, testing::IsEmpty());
+  EXPECT_THAT(hosts.at("component").host_prefix, ElementsAre("sudo", "-n"));
+  EXPECT_THAT(hosts.at("component").command_prefix, testing::IsEmpty());
   EXPECT_EQ(hosts.at("component").program, "/opt/ontime/bin/ontime");
   EXPECT_EQ(hosts.at("component").interface, "eth2");
   EXPECT_EQ(hosts.at("component").address, "10.0.0.2");
@@ -317,21 +317,22 @@ TEST_F(ScenarioFile, InvalidHostsAreRefusedWithTheirPlace) {
   };
   EXPECT_THAT(with("prefix: ip netns exec robot"),
               testing::AllOf(HasSubstr(":1:39: prefix"), HasSubstr("ssh: robot"),
-                             HasSubstr("place: [ip, netns, exec, robot]")));
-  EXPECT_THAT(with("reach: ssh robot"), testing::AllOf(HasSubstr("reach: a list of words"),
-                                                       HasSubstr("[sudo, -n]"), HasSubstr("as a program")));
+                             HasSubstr("command-prefix: [ip, netns, exec, robot]")));
+  EXPECT_THAT(with("host-prefix: ssh robot"),
+              testing::AllOf(HasSubstr("host-prefix: a list of words"), HasSubstr("[sudo, -n]"),
+                             HasSubstr("as a program")));
   for (const auto* odd : {"-oProxyCommand=x", "me at robot", "\"robot\\n\""})
     EXPECT_THAT(with(std::string("ssh: ") + odd), HasSubstr("ssh destination")) << odd;
-  EXPECT_THAT(with("reach: ssh"), HasSubstr("reach: a list of words"));
-  EXPECT_THAT(with("place: [ip, '']"), HasSubstr("place: a value is needed"));
-  EXPECT_THAT(with("place: [ip, [netns]]"), HasSubstr("place: a value is needed"));
+  EXPECT_THAT(with("host-prefix: ssh"), HasSubstr("host-prefix: a list of words"));
+  EXPECT_THAT(with("command-prefix: [ip, '']"), HasSubstr("command-prefix: a value is needed"));
+  EXPECT_THAT(with("command-prefix: [ip, [netns]]"), HasSubstr("command-prefix: a value is needed"));
   EXPECT_THAT(with("program: []"), HasSubstr("program: a value is needed"));
   EXPECT_THAT(with("interface: a-name-too-long-for-linux"),
               HasSubstr("interface: 'a-name-too-long-for-linux'"));
   EXPECT_THAT(with("interface: ../x"), HasSubstr("interface: '../x'"));
   EXPECT_THAT(with("interface: wan=1"), HasSubstr("interface: 'wan=1'")) << "as tc and nft have it";
   EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, reach, place, program, interface, address"));
-  EXPECT_THAT(with("reach: [a], reach: [b]"), HasSubstr("'reach' occurs twice"));
+  EXPECT_THAT(with("host-prefix: [a], host-prefix: [b]"), HasSubstr("'host-prefix' occurs twice"));
 }
 
 // The domain of ROS 2, for the time of a test. NOLINTBEGIN(concurrency-mt-unsafe): one thread
@@ -407,20 +408,20 @@ TEST_F(ScenarioFile, ALayerMayBeChosenWithoutTheOneBelow) {
   Selection selection;
   selection.only = {"upper"};
   const auto scenario = read(
-      "runs: [{id: lower, transport: udp}, {id: upper, transport: fastdds, adds-to: lower}]\n", selection);
+      "runs: [{id: lower, transport: udp}, {id: upper, transport: fastdds, baseline: lower}]\n", selection);
   ASSERT_EQ(scenario.runs.size(), 1U);
   EXPECT_EQ(scenario.runs[0].adds_to, "lower");
 }
 
 TEST_F(ScenarioFile, ABaselineOfItselfOrInACircleIsRefusedAtItsPlace) {
-  EXPECT_THAT(error("runs: [{id: a, transport: udp, adds-to: a}]\n"),
-              HasSubstr(":1:41: adds-to: the baselines form a circle: a → a"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, baseline: a}]\n"),
+              HasSubstr(":1:42: baseline: the baselines form a circle: a → a"));
   const auto circle =
       "runs:\n"
-      "- {id: a, transport: udp, adds-to: b}\n"
-      "- {id: b, transport: udp, adds-to: c}\n"
-      "- {id: c, transport: udp, adds-to: b}\n";
-  EXPECT_THAT(error(circle), HasSubstr(":3:36: adds-to: the baselines form a circle: b → c → b"));
+      "- {id: a, transport: udp, baseline: b}\n"
+      "- {id: b, transport: udp, baseline: c}\n"
+      "- {id: c, transport: udp, baseline: b}\n";
+  EXPECT_THAT(error(circle), HasSubstr(":3:37: baseline: the baselines form a circle: b → c → b"));
   Selection selection;
   selection.only = {"a"};
   EXPECT_THAT(error(circle, selection), HasSubstr("b → c → b"));

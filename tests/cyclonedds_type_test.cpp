@@ -36,8 +36,8 @@ TEST(CycloneType, WhatReachesBeyondAMessageIsCutOff) {
   auto* const type = new_type(blocks);
   const std::vector<std::byte> payload(payload_bytes, std::byte{7});
   auto* const first = new_message(*type, 1, payload);
-  auto* const neighbour = new_message(*type, 2, payload);
-  const std::vector before(cdr(*neighbour).begin(), cdr(*neighbour).end());
+  auto* const background = new_message(*type, 2, payload);
+  const std::vector before(cdr(*background).begin(), cdr(*background).end());
   ddsi_serdata_unref(first);  // whose block is the next to be used
 
   Datagram begin(0, 30, std::byte{1}), end(30, 1000, std::byte{2});
@@ -48,10 +48,10 @@ TEST(CycloneType, WhatReachesBeyondAMessageIsCutOff) {
   ASSERT_EQ(received.size(), size);
   EXPECT_EQ(std::count(received.begin(), received.end(), std::byte{1}), 30);
   EXPECT_EQ(std::count(received.begin(), received.end(), std::byte{2}), 10);
-  EXPECT_TRUE(std::equal(before.begin(), before.end(), cdr(*neighbour).begin(), cdr(*neighbour).end()));
+  EXPECT_TRUE(std::equal(before.begin(), before.end(), cdr(*background).begin(), cdr(*background).end()));
 
   ddsi_serdata_unref(forged);
-  ddsi_serdata_unref(neighbour);
+  ddsi_serdata_unref(background);
   ddsi_sertype_unref(type);
 }
 

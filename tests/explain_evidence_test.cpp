@@ -272,7 +272,7 @@ TEST_P(Evidence, AHolderThatRanIsTheCulprit) {
   EXPECT_EQ(part.culprit, "another");
 }
 
-// As with NFQUEUE, or until a neighbour's address is known.
+// As with NFQUEUE, or until a background topic's address is known.
 TEST_P(Evidence, APacketThatAnotherThreadQueuedIsUnknownAtTheSendersEnd) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);

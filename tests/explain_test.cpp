@@ -95,7 +95,7 @@ TEST_P(Explained, ACpuThatShowsNoSignOfLife) {
       << "it may as well have run";
 }
 
-TEST_P(Explained, AThreadThatIsBusyWithNeighboursIsToldApartFromOneThatIsNot) {
+TEST_P(Explained, AThreadThatIsBusyWithBackgroundIsToldApartFromOneThatIsNot) {
   has_the_message();
   switched(sent + 16 * ms, 1, answers, "S", 0);
   const auto remedy = [&](const char* transport, const char* where, const char* executor,
@@ -502,7 +502,7 @@ TEST_P(Explained, AMessageForWhichThereWasNoRoute) {
   EXPECT_EQ(sentence_of(part), "the packet could not be sent at ping's side: no route");
 }
 
-TEST_P(Explained, AnswerWithoutANeighbourIsUnreachable) {
+TEST_P(Explained, AnswerWithoutABackgroundIsUnreachable) {
   sender_wakes_and_sends();
   event(sent + 20 * us, 1, Kind::no_neighbour, answers);
   const auto part = first(message(lost()));
@@ -517,9 +517,10 @@ TEST_P(Explained, SentMessageIgnoresForeignMissingRoute) {
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
-TEST_P(Explained, AMessageWhoseNeighbourAnsweredIsNotUnreachable) {
+TEST_P(Explained, AMessageWhoseBackgroundAnsweredIsNotUnreachable) {
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
-  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth", 1);  // it ran when the neighbour's answer came
+  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth",
+        1);  // it ran when the background topic's answer came
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 

@@ -120,7 +120,7 @@ struct Case {
   transport::Receive receive;
   transport::Reliability reliability = transport::Reliability::best_effort;
   std::size_t payload_bytes = 500;
-  std::optional<Where> neighbours = {};
+  std::optional<Where> background = {};
   std::int64_t launch_ns = 0;
 };
 void PrintTo(const Case& value, std::ostream* out) {
@@ -171,34 +171,34 @@ std::string name_of(const testing::TestParamInfo<Case>& info) {
   std::erase(name, '-');
   name += value.receive == transport::Receive::listener ? "_listener" : "_waitset";
   name += value.reliability == transport::Reliability::reliable ? "_reliable_" : "_besteffort_";
-  if (value.neighbours) name += *value.neighbours == Where::same_participant ? "shared_" : "beside_";
+  if (value.background) name += *value.background == Where::same_participant ? "shared_" : "beside_";
   if (value.launch_ns > 0) name += "launched_";
   return name + std::to_string(value.payload_bytes);
 }
 
 // Three topics with a message each 10 ms either way, for longer than it is measured.
-constexpr int neighbours_a_second = 2 * 3 * 100;
-std::unique_ptr<Neighbours> neighbours_of(const Case& value, transport::Endpoint& critical,
-                                          const transport::Config& config) {
-  if (!value.neighbours) return nullptr;
-  return std::make_unique<Neighbours>(
+constexpr int background_a_second = 2 * 3 * 100;
+std::unique_ptr<BackgroundTopics> background_of(const Case& value, transport::Endpoint& critical,
+                                                const transport::Config& config) {
+  if (!value.background) return nullptr;
+  return std::make_unique<BackgroundTopics>(
       transport::load(value.transport), &critical, config,
-      NeighbourOptions{
-          .topics = 3, .where = *value.neighbours, .payload_bytes = value.payload_bytes, .period = 10ms},
+      BackgroundOptions{
+          .topics = 3, .where = *value.background, .payload_bytes = value.payload_bytes, .period = 10ms},
       1h);
 }
 
 // They send as they do in a run: before the first counted message they have long been at it.
-void start(const std::unique_ptr<Neighbours>& neighbours) {
-  if (!neighbours) return;
-  while (!neighbours->matched()) std::this_thread::sleep_for(1ms);
-  neighbours->start();
-  neighbours->go();
+void start(const std::unique_ptr<BackgroundTopics>& background) {
+  if (!background) return;
+  while (!background->matched()) std::this_thread::sleep_for(1ms);
+  background->start();
+  background->go();
 }
 
-std::vector<Thread> all_of(std::vector<Thread> threads, const std::unique_ptr<Neighbours>& neighbours) {
-  if (neighbours)
-    for (auto& thread : neighbours->threads())
+std::vector<Thread> all_of(std::vector<Thread> threads, const std::unique_ptr<BackgroundTopics>& background) {
+  if (background)
+    for (auto& thread : background->threads())
       if (std::none_of(threads.begin(), threads.end(),
                        [&](const auto& other) { return other.tid == thread.tid; }))
         threads.push_back(std::move(thread));
@@ -232,14 +232,14 @@ std::uint64_t allocations_allowed(const Case& value, std::uint64_t messages) {
 
 // Cyclone DDS keeps a block of 1 MiB for as long as a message in it is not done with, be it that a fragment
 // was to be sent again. One block more than it ever had at a time, and the arena of its thread grows by as
-// much. A participant that neighbours share keeps their messages too, until an ordinary thread has sent them
-// or taken them: one more at a time than ever before, and its arena grows by what the C library takes at
-// once (seen: 33 pages, beside compilers).
+// much. A participant that background topics share keeps their messages too, until an ordinary thread has
+// sent them or taken them: one more at a time than ever before, and its arena grows by what the C library
+// takes at once (seen: 33 pages, beside compilers).
 //
 // A reliable writer of OpenDDS keeps each message until it is acknowledged, which it asks for once a second:
 // whatever is sent in a second, in up to five copies of the payload, and its arenas grow and shrink by that
 // (seen: 1.2 pages a message of 500 bytes, 82 of one of 64 KiB). What allocates for each message has its
-// arena grow at times otherwise, too (seen: 9 pages, and 73 with neighbours).
+// arena grow at times otherwise, too (seen: 9 pages, and 73 with background topics).
 //
 // The thread of Fast DDS that sends again sleeps until a message is lost. Only then does it allocate for the
 // first time, and the C library gives it an arena of its own (seen: 33 pages in 1 of 40 runs beside two busy
@@ -257,7 +257,7 @@ std::uint64_t faults_allowed(const Case& value, std::uint64_t messages, const Th
   const bool is_dds =
       value.transport == std::string("cyclonedds") || value.transport == std::string("fastdds");
   const std::uint64_t arenas =
-      (is_dds ? 1 : 0) + (value.neighbours ? 2 : 0) + (thread.role == "resend" ? 1 : 0);
+      (is_dds ? 1 : 0) + (value.background ? 2 : 0) + (thread.role == "resend" ? 1 : 0);
   return arenas * pages_of_an_arena;
 }
 
@@ -368,8 +368,8 @@ class Watch {
   }
   void check(std::uint64_t messages, std::uint64_t cycles) {
     counting = false;
-    if (value_.neighbours)
-      for (auto* count : {&messages, &cycles}) *count += neighbours_a_second * (seconds() + 1);
+    if (value_.background)
+      for (auto* count : {&messages, &cycles}) *count += background_a_second * (seconds() + 1);
     const auto after = states();
     const auto moved = pages_moved() - moved_before_;
     ASSERT_FALSE(threads_.empty());
@@ -436,10 +436,10 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
     Watch watch(GetParam());
     const auto config = config_of(GetParam(), transport::Role::server);
     Server end(transport::load(GetParam().transport), config);
-    const auto neighbours = neighbours_of(GetParam(), end.endpoint(), config);
-    start(neighbours);
+    const auto background = background_of(GetParam(), end.endpoint(), config);
+    start(background);
     orders.await();
-    watch.begin(all_of(end.threads(), neighbours));
+    watch.begin(all_of(end.threads(), background));
     const auto before = end.answered();
     orders.obeyed();
     orders.await();
@@ -459,22 +459,22 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
     options.warm_up = 100;
     const auto config = config_of(GetParam(), transport::Role::client);
     Client end(transport::load(GetParam().transport), config, options);
-    const auto neighbours = neighbours_of(GetParam(), end.endpoint(), config);
+    const auto background = background_of(GetParam(), end.endpoint(), config);
     while (!end.endpoint().matched().both()) std::this_thread::sleep_for(1ms);
-    start(neighbours);
+    start(background);
     end.start();
     while (end.state() != Client::State::ready) std::this_thread::sleep_for(1ms);
     server.order();
-    watch.begin(all_of(end.threads(), neighbours));
+    watch.begin(all_of(end.threads(), background));
     end.go();
     while (end.state() != Client::State::finished) std::this_thread::sleep_for(1ms);
     const auto counters = end.counters();
     watch.check(counters.sent, counters.sent + counters.skipped_cycles);
     server.order();
     EXPECT_GE(counters.on_time + counters.late, 100U);
-    if (neighbours) {
-      EXPECT_GT(neighbours->counters().sent, 0U);
-      EXPECT_GT(neighbours->counters().received, 0U);
+    if (background) {
+      EXPECT_GT(background->counters().sent, 0U);
+      EXPECT_GT(background->counters().received, 0U);
     }
   });
   EXPECT_EQ(client.end(), 0);

@@ -159,10 +159,10 @@ TEST(Compare, KeyIgnoresSettingsThatFollowFromIt) {
         Case{"realtime.lock-memory", said({{"realtime", "on"}}), said({{"realtime.lock-memory", "off"}})},
         Case{"traffic.rate", {}, said({{"traffic.rate", "1 Mbit/s"}})},
         Case{"link.duplicate", {}, said({{"link.duplicate", "1 %"}})},
-        Case{"neighbours.rate", said({{"neighbours.topics", "2"}}),
-             said({{"neighbours.topics", "2"}, {"neighbours.rate", "50 Hz"}})},
-        Case{"neighbours.direction", said({{"neighbours.topics", "2"}}),
-             said({{"neighbours.topics", "2"}, {"neighbours.direction", "to-component"}})},
+        Case{"background.rate", said({{"background.topics", "2"}}),
+             said({{"background.topics", "2"}, {"background.rate", "50 Hz"}})},
+        Case{"background.direction", said({{"background.topics", "2"}}),
+             said({{"background.topics", "2"}, {"background.direction", "to-component"}})},
         Case{"launch-time", {}, said({{"launch-time", "1 ms"}})}}) {
     const auto runs = recorded({from, to});
     const auto values = values_of(runs, key);

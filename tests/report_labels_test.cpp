@@ -246,17 +246,17 @@ TEST(TableFormat, AValueWithACommaIsOneValue) {
   one["variant"] = "title one, two, adds-to 3";
   other["variant"] = "title three, adds-to 3";
   const auto labels =
-      AllOf(HasSubstr("\n| udp title one, two adds-to 3 |"), HasSubstr("\n| udp title three adds-to 3 |"));
+      AllOf(HasSubstr("\n| udp title one, two baseline 3 |"), HasSubstr("\n| udp title three baseline 3 |"));
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels)
       << "of words alone";
   const auto pair = [](const char* key, const char* value) { return nlohmann::json::array({key, value}); };
-  one["varied"] = nlohmann::json::array({pair("title", "one, two"), pair("adds-to", "3")});
-  other["varied"] = nlohmann::json::array({pair("title", "three"), pair("adds-to", "3")});
+  one["varied"] = nlohmann::json::array({pair("title", "one, two"), pair("baseline", "3")});
+  other["varied"] = nlohmann::json::array({pair("title", "three"), pair("baseline", "3")});
   one["variant"] = other["variant"] = "anything, at all";
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels);
-  one["varied"] = nlohmann::json::array({pair("title", "adds-to 7, period 3")});
+  one["varied"] = nlohmann::json::array({pair("title", "baseline 7, period 3")});
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown),
-              HasSubstr("\n| udp title adds-to 7, period 3 |"));
+              HasSubstr("\n| udp title baseline 7, period 3 |"));
 }
 
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {

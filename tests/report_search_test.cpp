@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What became of neighbours, and what searches found.
+// What became of background topics, and what searches found.
 #include "plot/plot.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
@@ -12,7 +12,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-json with_neighbours(double rate_hz = 100) {
+json with_background(double rate_hz = 100) {
   auto with = asked("a", "cyclonedds");
   with["neighbours"] = {{"topics", 4},
                         {"where", "same-process"},
@@ -35,29 +35,29 @@ json way(int sent, int received, int skipped = 0) {
           {"short", skipped > sent / 19}};
 }
 
-TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
+TEST(TableFormat, TellsTheBackgroundAndLoudlyWhereTheyWereNotThere) {
   auto came = outcome();
   came["neighbours"]["to_component"] = way(8000, 7990);
-  auto text = render({summary(with_neighbours(), came)}, Format::markdown);
+  auto text = render({summary(with_background(), came)}, Format::markdown);
   EXPECT_THAT(
       text,
       HasSubstr(
           "4 background topics of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
   EXPECT_THAT(text, HasSubstr("background topics: 7,990 of 8,000 arrived at the component (10 lost)"));
-  EXPECT_THAT(render({summary(with_neighbours(20'000), came)}, Format::markdown),
+  EXPECT_THAT(render({summary(with_background(20'000), came)}, Format::markdown),
               HasSubstr(", at 20 kHz, in"));
   came["neighbours"]["to_component"] = way(5000, 5000, 3000);
-  text = render({summary(with_neighbours(), came)}, Format::markdown);
+  text = render({summary(with_background(), came)}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("BACKGROUND TOPICS SHORTFALL: 5,000 of 5,000 arrived at the component "
                               "(3,000 not sent because their sender overran its period)"));
   EXPECT_THAT(render({summary(asked("a", "udp"), outcome())}, Format::markdown), Not(HasSubstr("eighbours")));
 }
 
 Summary step(int number, const char* value, std::uint64_t late, int repetition = 1) {
-  auto of = with_neighbours(100.0 * (number + 1));
+  auto of = with_background(100.0 * (number + 1));
   of["repetition"] = repetition;
   of["search"] = {
-      {"key", "neighbours.rate"}, {"value", value}, {"step", number}, {"steps", 4}, {"among", ""}};
+      {"key", "background.rate"}, {"value", value}, {"step", number}, {"steps", 4}, {"among", ""}};
   auto one = summary(of, outcome());
   amend(one.run.outcome, "/late", one.late = late);
   one.on_time -= late;
@@ -68,7 +68,7 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   const Summaries summaries = {step(0, "100 Hz", 0),    step(1, "200 Hz", 0), step(1, "200 Hz", 0, 2),
                                step(3, "800 Hz", 7, 1), step(2, "400 Hz", 0), step(2, "400 Hz", 3, 2)};
   const auto text = render(summaries, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("highest neighbours.rate without a miss"));
+  EXPECT_THAT(text, HasSubstr("highest background.rate without a miss"));
   const auto searches = json::parse(render(summaries, Format::json)).at("searches");
   ASSERT_EQ(searches.size(), 1U);
   EXPECT_EQ(searches[0].at("passed").at("value"), "200 Hz");
@@ -136,11 +136,11 @@ TEST(Searches, NameEachOfTheirKeys) {
   EXPECT_THAT(render({one, other}, Format::markdown), HasSubstr("highest arm.period, period without a miss"));
 }
 
-TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
-  const auto text = gnuplot_of({step(0, "100 Hz", 0), step(1, "200 Hz", 5)}, {Plot::Figure::neighbours});
+TEST(Plots, DrawTheRoundTripAgainstTheBackgroundRate) {
+  const auto text = gnuplot_of({step(0, "100 Hz", 0), step(1, "200 Hz", 5)}, {Plot::Figure::background});
   EXPECT_THAT(text, AllOf(HasSubstr("messages/s"), HasSubstr("\n100 1.98 1.98 1.98\n200 1.98 1.98 1.98\n"),
                           HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND")));
-  EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0)}, {Plot::Figure::neighbours}), Not(HasSubstr("$missed")));
+  EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0)}, {Plot::Figure::background}), Not(HasSubstr("$missed")));
 }
 
 Summary all_lost(Summary run) {
@@ -152,18 +152,18 @@ Summary all_lost(Summary run) {
 
 TEST(Plots, MarkAStepOfWhichAllMessagesWereLost) {
   const auto good = step(0, "100 Hz", 0), bad = all_lost(step(1, "200 Hz", 0));
-  auto text = gnuplot_of({good, bad}, {Plot::Figure::neighbours});
+  auto text = gnuplot_of({good, bad}, {Plot::Figure::background});
   EXPECT_THAT(text, AllOf(HasSubstr("$missed0 << END\n200 10\nEND"), HasSubstr("set yrange [0.7")))
       << "at the deadline of 10 ms";
   EXPECT_THAT(text, HasSubstr(":14]\n")) << "which is within the axes";
-  EXPECT_THAT(gnuplot_of({bad}, {Plot::Figure::neighbours}), Not(HasSubstr("$run0")));
+  EXPECT_THAT(gnuplot_of({bad}, {Plot::Figure::background}), Not(HasSubstr("$run0")));
   auto open_end = bad;
   amend(open_end.run.asked, "/deadline_us", 0);
-  text = gnuplot_of({good, open_end}, {Plot::Figure::neighbours});
+  text = gnuplot_of({good, open_end}, {Plot::Figure::background});
   EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 2.772\nEND")) << "at the top";
   EXPECT_THAT(text, HasSubstr(":2.772]\n"));
   text =
-      gnuplot_of({good, step(1, "200 Hz", 0), all_lost(step(1, "200 Hz", 0, 2))}, {Plot::Figure::neighbours});
+      gnuplot_of({good, step(1, "200 Hz", 0), all_lost(step(1, "200 Hz", 0, 2))}, {Plot::Figure::background});
   EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND")) << "one of two repetitions";
 }
 
@@ -180,10 +180,10 @@ TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
   amend(arms.run.asked, "/component", "arm");
   amend(multi.run.outcome, "/error", "no answer");
   auto sizes = step(0, "1 kB", 0);
-  amend(sizes.run.asked, "/search/key", "neighbours.payload");
-  EXPECT_THAT(gnuplot_of({sizes}, {Plot::Figure::neighbours}),
-              HasSubstr("cyclonedds neighbours.payload 1 kB'"));
-  const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::neighbours});
+  amend(sizes.run.asked, "/search/key", "background.payload");
+  EXPECT_THAT(gnuplot_of({sizes}, {Plot::Figure::background}),
+              HasSubstr("cyclonedds background.payload 1 kB'"));
+  const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::background});
   EXPECT_THAT(text, AllOf(HasSubstr("cyclonedds single'"), HasSubstr("cyclonedds multi'"),
                           HasSubstr("cyclonedds arm multi'")));
   EXPECT_THAT(text, AllOf(HasSubstr("$missed1 << END\n100 1.98 1.98 1.98\nEND"), Not(HasSubstr("$missed0"))))

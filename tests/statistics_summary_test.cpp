@@ -590,7 +590,7 @@ TEST(Shape, ShowsAStallWhereItWas) {
   EXPECT_EQ(slices[30].sent, 2u);
 }
 
-TEST(Shape, KeepsTheWorstWithTheirNeighbours) {
+TEST(Shape, KeepsTheWorstWithTheirBackground) {
   std::vector<Sample> samples;
   for (std::uint64_t index = 0; index < 100; ++index)
     samples.push_back(answered(index, static_cast<std::int64_t>(index) * 10 * ms, 0,

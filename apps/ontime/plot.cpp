@@ -71,9 +71,9 @@ Plot plot_of(const PlotArguments& arguments) {
                                                        {"ccdf", Plot::Figure::ccdf},
                                                        {"conditions", Plot::Figure::conditions},
                                                        {"payload", Plot::Figure::payload},
-                                                       {"background", Plot::Figure::neighbours},
+                                                       {"background", Plot::Figure::background},
                                                        {"worse", Plot::Figure::ccdf},
-                                                       {"neighbours", Plot::Figure::neighbours}};
+                                                       {"neighbours", Plot::Figure::background}};
   const auto figure = figures.find(arguments.figure);
   if (figure == figures.end())
     throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, background",
@@ -99,8 +99,8 @@ int plot(PlotArguments arguments) {
         2,
         fmt::format("--figure time draws at most {} runs, but {} are selected. Fix: choose runs with --only",
                     most_panels, summaries.size()));
-  if (plot.figure == Plot::Figure::neighbours && std::ranges::none_of(summaries, [](const auto& summary) {
-        return summary.run.asked.task.neighbours.topics > 0;
+  if (plot.figure == Plot::Figure::background && std::ranges::none_of(summaries, [](const auto& summary) {
+        return summary.run.asked.task.background.topics > 0;
       }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `background`)");
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
@@ -165,7 +165,7 @@ void add_plot(Command& app) {
       ->add_option(
           "--figure", arguments->figure,
           "time (round trips over time), ccdf (exceedance), conditions (one row for each), payload (round "
-          "trip by payload) or neighbours (round trip by rate of background topics) (default: time)")
+          "trip by payload) or background (round trip by rate of background topics) (default: time)")
       ->type_name("FIGURE");
   add_only(*command, arguments->only, ",--runs");
   command->add_flag("--wide", arguments->wide, "draw two columns wide, instead of one");

@@ -19,7 +19,7 @@ using nlohmann::json;
 using orders::Error;
 
 // Prefix of the role of a thread that serves only background topics.
-constexpr std::string_view of_neighbours = "neighbours ";
+constexpr std::string_view of_background = "background ";
 
 // Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
 constexpr std::size_t heap_bytes = std::size_t{32} << 20;
@@ -50,7 +50,7 @@ void resolve(transport::Config& config) {
 
 void check(const transport::Plugin& plugin, const Task& task) {
   const auto& can = plugin.capabilities;
-  const auto beside = task.neighbours.topics > 0 ? task.neighbours.payload_bytes : 0;
+  const auto beside = task.background.topics > 0 ? task.background.payload_bytes : 0;
   if (const auto largest = std::max(task.config.max_payload_bytes, beside); largest > can.max_payload_bytes)
     throw Error(2, fmt::format("transport {} carries at most {} bytes of payload; {} were requested",
                                plugin.name, can.max_payload_bytes, largest));
@@ -120,23 +120,23 @@ End::End(Task task) : task_(std::move(task)) {
 }
 
 void End::open() {
-  const bool some = task_.neighbours.topics > 0;
-  const bool alone = some && task_.neighbours.where == roundtrip::Where::other_process;
+  const bool some = task_.background.topics > 0;
+  const bool alone = some && task_.background.where == roundtrip::Where::other_process;
   if (!alone && task_.config.role == transport::Role::client)
     client_ = std::make_unique<roundtrip::Client>(*plugin_, task_.config, task_.client);
   else if (!alone)
     server_ = std::make_unique<roundtrip::Server>(*plugin_, task_.config);
   if (some)
-    neighbours_ = std::make_unique<roundtrip::Neighbours>(
-        *plugin_, alone ? nullptr : &endpoint(), task_.config, task_.neighbours, task_.client.duration);
+    background_ = std::make_unique<roundtrip::BackgroundTopics>(
+        *plugin_, alone ? nullptr : &endpoint(), task_.config, task_.background, task_.client.duration);
 }
 
 std::vector<transport::Thread> End::threads() {
   auto all = client_ ? client_->threads() : server_ ? server_->threads() : std::vector<transport::Thread>{};
-  if (!neighbours_) return all;
-  for (auto& thread : neighbours_->threads()) {
+  if (!background_) return all;
+  for (auto& thread : background_->threads()) {
     if (std::ranges::count(all, thread.tid, &transport::Thread::tid) == 0)
-      all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
+      all.push_back({thread.tid, std::string(of_background) + thread.role, thread.name});
   }
   return all;
 }
@@ -155,8 +155,8 @@ json End::opened() {
 
 void End::set_threads() {
   for (const auto& thread : threads()) {
-    if (thread.role.starts_with(of_neighbours)) {
-      set_thread_of_neighbours(thread);
+    if (thread.role.starts_with(of_background)) {
+      set_thread_of_background(thread);
       continue;
     }
     if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
@@ -177,14 +177,14 @@ void End::set_threads() {
   }
 }
 
-// Only threads that background messages pass through, and only if neighbours.priority is set.
-void End::set_thread_of_neighbours(const transport::Thread& thread) {
-  const auto role = thread.role.substr(of_neighbours.size());
+// Only threads that background messages pass through, and only if background.priority is set.
+void End::set_thread_of_background(const transport::Thread& thread) {
+  const auto role = thread.role.substr(of_background.size());
   if (role != "send" && role != "receive" && role != "delivery") return;
-  if (task_.neighbours.priority == 0 || !set_.insert(thread.tid).second) return;
+  if (task_.background.priority == 0 || !set_.insert(thread.tid).second) return;
   refuse(
       realtime::apply(thread.tid, thread.role,
-                      {.policy = realtime::Policy::fifo, .priority = task_.neighbours.priority, .cpus = {}}));
+                      {.policy = realtime::Policy::fifo, .priority = task_.background.priority, .cpus = {}}));
 }
 
 void End::begin() {
@@ -215,13 +215,13 @@ json End::ended() {
           {"link", link()},
           {"shared_memory", machine::shared_memory()},
           {"answered", server_ ? answered() : 0},
-          {"neighbours", account_of_neighbours()}};
+          {"neighbours", account_of_background()}};
 }
 
-json End::account_of_neighbours() const {
-  if (!neighbours_) return nullptr;
-  auto account = to_json(neighbours_->counters());
-  account["payload_bytes"] = task_.neighbours.payload_bytes;
+json End::account_of_background() const {
+  if (!background_) return nullptr;
+  auto account = to_json(background_->counters());
+  account["payload_bytes"] = task_.background.payload_bytes;
   return account;
 }
 

@@ -19,12 +19,12 @@ class End {
  public:
   explicit End(Task);  // throws orders::Error, or what the transport throws
 
-  roundtrip::Client* client() { return client_.get(); }              // null at the server's end
-  roundtrip::Server* server() { return server_.get(); }              // null at the client's end
-  roundtrip::Neighbours* neighbours() { return neighbours_.get(); }  // null without background topics
+  roundtrip::Client* client() { return client_.get(); }                    // null at the server's end
+  roundtrip::Server* server() { return server_.get(); }                    // null at the client's end
+  roundtrip::BackgroundTopics* background() { return background_.get(); }  // null without background topics
   // The measured endpoint; in a process with background topics only, one of theirs.
   transport::Endpoint& endpoint() {
-    return client_ ? client_->endpoint() : server_ ? server_->endpoint() : neighbours_->endpoint();
+    return client_ ? client_->endpoint() : server_ ? server_->endpoint() : background_->endpoint();
   }
   const Task& task() const { return task_; }
   void drop_privileges();  // those that an open end no longer needs
@@ -38,11 +38,11 @@ class End {
  private:
   void open();
   std::vector<transport::Thread> threads();
-  void set_thread_of_neighbours(const transport::Thread&);
+  void set_thread_of_background(const transport::Thread&);
   void refuse(const std::vector<realtime::Refusal>&);
   nlohmann::json refusals() const;
   nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
-  nlohmann::json account_of_neighbours() const;
+  nlohmann::json account_of_background() const;
   nlohmann::json losses();
   std::uint64_t answered() const;
   nlohmann::json link() const;
@@ -52,7 +52,7 @@ class End {
   const transport::Plugin* plugin_ = nullptr;
   std::unique_ptr<roundtrip::Client> client_;
   std::unique_ptr<roundtrip::Server> server_;
-  std::unique_ptr<roundtrip::Neighbours> neighbours_;  // beside one of these, or alone
+  std::unique_ptr<roundtrip::BackgroundTopics> background_;  // beside one of these, or alone
   std::set<pid_t> set_;
   std::vector<realtime::Refusal> refusals_;
   std::map<pid_t, realtime::ThreadState> before_;

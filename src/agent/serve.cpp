@@ -89,7 +89,7 @@ class Agent final : public orders::Worker {
   enum class Stage { idle, matching, warming_up, measuring };
 
   void start(std::chrono::nanoseconds wait) {
-    if (end_->client() == nullptr && end_->neighbours() == nullptr) return events_.tell("ready");
+    if (end_->client() == nullptr && end_->background() == nullptr) return events_.tell("ready");
     wait_ = wait;
     until_ = Clock::now() + wait;
     stage_ = Stage::matching;
@@ -118,14 +118,14 @@ class Agent final : public orders::Worker {
           end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
           end_->task().transport, end_->task().config.domain));
     }
-    if (auto* neighbours = end_->neighbours(); neighbours != nullptr && !neighbours->matched()) {
+    if (auto* background = end_->background(); background != nullptr && !background->matched()) {
       if (Clock::now() < until_) return 5ms;
       throw Unanswered(fmt::format("background topics ({} …) found no peer over {} within {:g} s",
-                                   roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
+                                   roundtrip::background_topic(end_->task().config.ping_topic, 1),
                                    end_->task().transport, seconds(wait_)));
     }
     end_->set_threads();
-    if (end_->neighbours() != nullptr) end_->neighbours()->start();
+    if (end_->background() != nullptr) end_->background()->start();
     if (end_->client() == nullptr) {
       stage_ = Stage::idle;
       events_.tell("ready");
@@ -156,8 +156,8 @@ class Agent final : public orders::Worker {
           seconds(wait_ +
                   end_->task().client.period * static_cast<std::int64_t>(end_->task().client.warm_up)),
           client.counters().wrong_size > 0 ? "; another program answers (with payloads of another size)" : "",
-          end_->task().neighbours.callback.count() > 0
-              ? "; callbacks of background topics (neighbours.callback) keep its thread busy"
+          end_->task().background.callback.count() > 0
+              ? "; callbacks of background topics (background.callback) keep its thread busy"
               : ""));
     }
     return 5ms;
@@ -172,7 +172,7 @@ class Agent final : public orders::Worker {
   }
 
   void go() {
-    if (end_->neighbours() != nullptr) end_->neighbours()->go();
+    if (end_->background() != nullptr) end_->background()->go();
     if (end_->client() == nullptr) return;
     auto& client = *end_->client();
     peers_ = {.readers = 1, .writers = 1, .changed_ns = end_->endpoint().matched().changed_ns};
@@ -211,7 +211,7 @@ class Agent final : public orders::Worker {
   }
 
   void stop() {
-    if (end_->neighbours() != nullptr) end_->neighbours()->stop();
+    if (end_->background() != nullptr) end_->background()->stop();
     auto* client = end_->client();
     if (client == nullptr) return;
     client->stop();

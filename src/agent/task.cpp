@@ -55,7 +55,7 @@ json to_json(const Task& task) {
                {"peers", config.peers},
                {"priority", config.priority ? json(*config.priority) : json()},
                {"security", json_of(config.security)},
-               {"session", task.neighbours.session}};
+               {"session", task.background.session}};
   return to;
 }
 
@@ -68,7 +68,7 @@ Task task_of(const json& from) {
   config.peers = end.at("peers").get<std::vector<std::string>>();
   if (const auto& priority = end.at("priority"); !priority.is_null()) config.priority = priority;
   config.security = security_of(end.at("security"));
-  task.neighbours.session = end.at("session");
+  task.background.session = end.at("session");
   return task;
 }
 
@@ -80,7 +80,7 @@ json to_json(const roundtrip::Counters& counters) {
   return to;
 }
 
-json to_json(const roundtrip::NeighbourCounters& counters) {
+json to_json(const roundtrip::BackgroundCounters& counters) {
   return {{"sent", counters.sent},
           {"refused", counters.refused},
           {"skipped_cycles", counters.skipped_cycles},

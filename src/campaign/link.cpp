@@ -23,11 +23,11 @@ std::string segments(const json& host) {
 }
 
 // Bytes of background topics that this end certainly received.
-std::uint64_t neighbours_bytes(const json& outcome, const char* receiver) {
-  const auto neighbours = outcome.at("hosts").value(receiver, json::object()).value("neighbours", json());
-  if (neighbours.is_null()) return 0;
-  return neighbours.at("received").get<std::uint64_t>() *
-         message::least_frame_bytes(neighbours.at("payload_bytes").get<std::uint64_t>());
+std::uint64_t background_bytes(const json& outcome, const char* receiver) {
+  const auto background = outcome.at("hosts").value(receiver, json::object()).value("neighbours", json());
+  if (background.is_null()) return 0;
+  return background.at("received").get<std::uint64_t>() *
+         message::least_frame_bytes(background.at("payload_bytes").get<std::uint64_t>());
 }
 
 bool one_machine_with_shared_memory(const json& hosts) {
@@ -67,7 +67,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
       const auto counted = link.value("beside_traffic", link);
       if (!counted.contains(key)) continue;  // unproved() says so
       const auto carried = counted.at(key).get<std::uint64_t>();
-      const auto beside = neighbours_bytes(outcome, receiver);
+      const auto beside = background_bytes(outcome, receiver);
       if (carried >= own * message::least_frame_bytes(payload_bytes) + beside) continue;
       return fmt::format(
           "the data did not go over {}: {} messages of {} bytes were answered{}, but the kernel counted only "

@@ -39,7 +39,7 @@ std::string program_of(const Host& host) {
 
 std::vector<std::string> command_of(const Host& host, const std::vector<std::string>& place,
                                     const char* worker) {
-  auto words = host.reach;
+  auto words = host.host_prefix;
   words.insert(words.end(), place.begin(), place.end());
   words.insert(words.end(), {program_of(host), worker});
   return words;
@@ -71,7 +71,7 @@ class Problems {
 }  // namespace
 
 std::optional<std::string> network_namespace(const Host& host) {
-  const auto& place = host.place;
+  const auto& place = host.command_prefix;
   if (place.empty()) return "";
   const std::vector<std::string> exec = {"ip", "netns", "exec"};
   if (place.size() != exec.size() + 1 || !std::equal(exec.begin(), exec.end(), place.begin())) return {};
@@ -79,7 +79,7 @@ std::optional<std::string> network_namespace(const Host& host) {
 }
 
 std::vector<std::string> way_to(const Host& host) {
-  auto words = host.reach;
+  auto words = host.host_prefix;
   words.insert(words.begin(), host.ssh);
   return words;
 }
@@ -164,7 +164,8 @@ void Machines::start_keeper(Machine& machine) {
     machine.ssh = std::make_unique<Ssh>(where.ssh);
     command = machine.ssh->first(command);
     between = machine.ssh->between(program_of(where));
-    if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
+    if (hosts_.deploy)
+      std::tie(command, between) = deployment(*machine.ssh, where.host_prefix, *hosts_.deploy);
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
 }
@@ -203,7 +204,7 @@ std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,
                                                       const std::string& whom) const {
   const auto& where = hosts_.at(host);
   const auto name = fmt::format("the agent of the {}{}", host, whom);
-  auto command = command_of(where, where.place, "agent");
+  auto command = command_of(where, where.command_prefix, "agent");
   orders::Between between;
   if (const auto& ssh = machine_of(host).ssh) {
     command = ssh->another(command);

@@ -30,7 +30,7 @@ std::string name_at_controller(const std::string& component) {
 // What tells an interface from others.
 std::vector<std::string> interface_of(const Host& host) {
   auto words = way_to(host);
-  words.insert(words.end(), host.place.begin(), host.place.end());
+  words.insert(words.end(), host.command_prefix.begin(), host.command_prefix.end());
   words.push_back(host.interface);
   return words;
 }

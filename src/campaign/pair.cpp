@@ -5,8 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "campaign/background_topics.hpp"
 #include "campaign/link.hpp"
-#include "campaign/neighbours.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -22,17 +22,17 @@ agent::Task client_task(const Run& run, const Host& host, const std::optional<Ho
   return task;
 }
 
-bool in_another_process(const roundtrip::NeighbourOptions& neighbours) {
-  return neighbours.topics > 0 && neighbours.where == roundtrip::Where::other_process;
+bool in_another_process(const roundtrip::BackgroundOptions& background) {
+  return background.topics > 0 && background.where == roundtrip::Where::other_process;
 }
 
 agent::Task without_others(agent::Task task) {
-  if (in_another_process(task.neighbours)) task.neighbours = {};
+  if (in_another_process(task.background)) task.background = {};
   return task;
 }
 
 // Adds what the agent of background topics reports to the report of that end.
-void add_neighbours(json& host, const json& ended) {
+void add_background(json& host, const json& ended) {
   host["neighbours"] = ended.at("neighbours");
   for (const auto* list : {"threads", "refusals"})
     for (const auto& one : ended.at(list)) host.at(list).push_back(one);
@@ -132,7 +132,7 @@ void Pair::note_cut(std::int64_t at_ns) {
 }
 
 Pair::End Pair::open(const std::string& host, agent::Task task) {
-  const bool beside = in_another_process(task.neighbours);
+  const bool beside = in_another_process(task.background);
   const bool asks = task.config.role == transport::Role::client;
   const auto whom = std::string(asks && is_named(run_) ? " for " + run_.component : "") +
                     (beside ? " for background topics" : "");
@@ -157,7 +157,7 @@ json Pair::ask(const End& end, const char* order, const char* answer, json body,
 
 std::vector<Pair::End*> Pair::ends() {
   std::vector<End*> there;
-  for (auto& end : neighbours_) there.push_back(&end);
+  for (auto& end : background_) there.push_back(&end);
   for (auto* end : {&component_, &controller_})  // the server is ready before the client
     if (*end) there.push_back(&**end);
   return there;
@@ -171,15 +171,15 @@ void Pair::open() {
   if (hosts.kind != Hosts::Kind::alone) {
     served = hosts.at(run_.component);
     of_component = server_task(run_, *served);
-    of_component.neighbours.session = session;
+    of_component.background.session = session;
     component_ = open(run_.component, without_others(of_component));
   }
   auto of_controller = client_task(run_, hosts.controller, served);
-  of_controller.neighbours.session = session;
+  of_controller.background.session = session;
   controller_ = open("controller", without_others(of_controller));
-  if (!in_another_process(run_.task.neighbours)) return;
-  neighbours_.push_back(open(run_.component, of_their_own(of_component)));
-  neighbours_.push_back(open("controller", of_their_own(of_controller)));
+  if (!in_another_process(run_.task.background)) return;
+  background_.push_back(open(run_.component, of_their_own(of_component)));
+  background_.push_back(open("controller", of_their_own(of_controller)));
 }
 
 void Pair::make_ready(std::chrono::nanoseconds wait) {
@@ -195,7 +195,7 @@ void Pair::begin() {
 
 void Pair::go() {
   measuring_ = true;
-  if (run_.task.neighbours.topics > 0)
+  if (run_.task.background.topics > 0)
     for (auto* end : ends())
       if (end != &*controller_) end->agent->order("go");
   controller_->agent->order("go");
@@ -209,7 +209,7 @@ void Pair::go() {
 void Pair::stop() {
   if (over()) return;
   for (auto* end : ends())
-    if (end == &*controller_ || run_.task.neighbours.topics > 0) end->agent->order("stop");
+    if (end == &*controller_ || run_.task.background.topics > 0) end->agent->order("stop");
 }
 
 bool Pair::over() const { return finished_ || !measuring_ || controller_->agent->lost(); }
@@ -263,8 +263,8 @@ json Pair::outcome(const Machines::Account& account) const {
       host.at("link").update(
           account.links.value(run_.component, json::object()).value((*end)->role, json::object()));
     if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
-    for (const auto& beside : neighbours_)
-      if (beside.role == (*end)->role) add_neighbours(host, beside.ended);
+    for (const auto& beside : background_)
+      if (beside.role == (*end)->role) add_background(host, beside.ended);
     if (const auto& kept = account.isolation.at(of_host); !kept.is_null()) host["isolation"] = kept;
     outcome["conditions"][(*end)->role] = account.conditions.at(of_host);
     outcome["hosts"][(*end)->role] = std::move(host);
@@ -276,7 +276,8 @@ void Pair::note_now(const char* kind, const std::string& text) {
   const auto& controller = machines_.hosts().controller;
   // Our clock is the controller's where it is on this machine.
   std::optional<std::int64_t> at_ns;
-  if (controller.ssh.empty() && controller.reach.empty()) at_ns = Clock::now().time_since_epoch().count();
+  if (controller.ssh.empty() && controller.host_prefix.empty())
+    at_ns = Clock::now().time_since_epoch().count();
   writer_.note(number_, {kind, text, at_ns, {}});
   observer_.note(text);
 }
@@ -305,7 +306,7 @@ void Pair::restart_component() {
 void Pair::abandon() {
   if (over()) return;
   component_.reset();  // it may not be able to answer any more: what is in flight is lost
-  neighbours_.clear();
+  background_.clear();
   stop();
 }
 

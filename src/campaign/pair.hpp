@@ -70,7 +70,7 @@ class Pair {
   const Told told_;
   const security::Authority* const authority_;  // null: the run has no DDS Security
   std::optional<End> controller_, component_;
-  std::vector<End> neighbours_;  // agents of background topics: component, controller
+  std::vector<End> background_;  // agents of background topics: component, controller
   std::chrono::nanoseconds wait_{0};
   Clock::time_point sampled_;  // when samples came last
   int pongs_ = 1;              // that answer

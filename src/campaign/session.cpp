@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
+#include "campaign/background_topics.hpp"
 #include "campaign/link.hpp"
-#include "campaign/neighbours.hpp"
 #include "campaign/pollers.hpp"
 #include "campaign/traffic.hpp"
 
@@ -148,16 +148,16 @@ std::chrono::nanoseconds Session::longest_timeout() const {
 }
 
 // Background messages on the way get the same timeout as measured ones; then they are lost.
-void Session::await_neighbours() {
-  const auto has_neighbours = [](const Run& run) { return run.task.neighbours.topics > 0; };
-  if (std::ranges::none_of(runs_, has_neighbours)) return;
+void Session::await_background() {
+  const auto has_background = [](const Run& run) { return run.task.background.topics > 0; };
+  if (std::ranges::none_of(runs_, has_background)) return;
   const auto until = Clock::now() + longest_timeout();
   coordinator_.until([&] { return Clock::now() > until; }, 1);
 }
 
 std::vector<json> Session::outcomes() {
   await_windows();
-  await_neighbours();
+  await_background();
   for (auto& pair : pairs_) pair->end();
   auto account = machines_.end();
   machines_.unload();
@@ -172,10 +172,10 @@ std::vector<json> Session::outcomes() {
       outcome["traffic"] = achieved(run.traffic, account.traffic.at(run.component));
       for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(whose + text);
     }
-    if (run.task.neighbours.topics > 0) {
-      outcome["neighbours"] = achieved(run.task.neighbours, outcome,
+    if (run.task.background.topics > 0) {
+      outcome["neighbours"] = achieved(run.task.background, outcome,
                                        stopped_ ? std::nullopt : std::optional(run.task.client.duration));
-      for (const auto& text : shortfalls_of_neighbours(outcome.at("neighbours")))
+      for (const auto& text : shortfalls_of_background(outcome.at("neighbours")))
         observer_.note(whose + text);
     }
     if (!windows_.empty()) outcome["trace"] = machines_.how_traced(run.component);

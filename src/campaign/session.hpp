@@ -34,7 +34,7 @@ class Session {
   void restart_components();
   std::vector<nlohmann::json> outcomes();
   void await_windows();
-  void await_neighbours();
+  void await_background();
   std::chrono::nanoseconds longest_timeout() const;
 
   const Together& runs_;

@@ -50,7 +50,7 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
   const auto& traffic = run.traffic;
   const bool serves = end == run.component;
   const auto& host = hosts.at(end);
-  return {.place = host.place,
+  return {.place = host.command_prefix,
           .serves = serves,
           .receives = way == to_controller,
           .address = without_port(hosts.at(run.component).address),

@@ -52,12 +52,12 @@ struct RealtimeSettings {
   std::map<std::string, realtime::ThreadSettings> threads;  // by role
 };
 
-// One end of one run. With neighbours in another process it is that process: only they are opened.
+// One end of one run. With background topics in another process it is that process: only they are opened.
 struct Task {
   std::string transport;
   transport::Config config;  // the agent finds `address`; `fifo_priority` follows from `realtime`
   roundtrip::ClientOptions client;
-  roundtrip::NeighbourOptions neighbours;
+  roundtrip::BackgroundOptions background;
   RealtimeSettings realtime;
   bool count_instructions = false;  // of each thread; switching between threads takes a little longer with it
 };
@@ -83,7 +83,7 @@ struct Run {
   Task task;  // the client's; the server's follows from it
   Workers controller_load, component_load;
   Traffic traffic;
-  bool describes_neighbours = false;  // another key of theirs than `topics` is set
+  bool describes_background = false;  // another key of theirs than `topics` is set
   bool explain = false;               // keep what the kernels did around late and lost messages
   Faults faults;                      // of either end
   std::optional<Cut> cut;             // for which `faults` has to provide
@@ -125,7 +125,7 @@ using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
 const std::vector<Key>& keys();  // those that can be said
-// The name of a key in this version: "background.rate" for "neighbours.rate". Earlier names are still read.
+// The name of a key in this version: "background.rate" for "background.rate". Earlier names are still read.
 std::string current_key(const std::string& key);
 
 // The JSON form of a run, in orders and in records: docs/reference/json.md lists its names.
@@ -148,13 +148,13 @@ const char* word_of(transport::Reliability);
 const char* word_of(transport::History);
 const char* word_of(transport::Durability);
 
-// Where the two ends are. `reach` and `place` are words put before a command, which run as a program, on this
+// Where the two ends are. The prefixes are words put before a command, which run as a program, on this
 // machine or, where there is `ssh`, on that one.
 struct Host {
-  std::string ssh;                 // what OpenSSH's client is told to connect to: "robot", "user@host"
-  std::vector<std::string> reach;  // how to reach the machine: {"sudo", "-n"}; nothing: as it is
-  std::vector<std::string> place;  // where on it the end lives: {"ip", "netns", "exec", "left"}
-  std::string program;             // ontime on that machine; empty: as it is called here, or there by ssh
+  std::string ssh;                       // what OpenSSH's client is told to connect to: "robot", "user@host"
+  std::vector<std::string> host_prefix;  // commands that reach the machine: {"sudo", "-n"}; empty: none
+  std::vector<std::string> command_prefix;  // where the end runs on it: {"ip", "netns", "exec", "left"}
+  std::string program;  // ontime on that machine; empty: as it is called here, or there by ssh
   std::string interface;
   std::string address;
   std::string port{};  // of a controller's bridge, the one that leads here; "": it has no bridge

@@ -238,7 +238,7 @@ Fields listening_fields() {
 constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
     {"search", [](const Run& run) { return run.step.of > 0; }},
     {"traffic", [](const Run& run) { return run.traffic.any(); }},
-    {"neighbours", [](const Run& run) { return run.task.neighbours.topics > 0; }},
+    {"neighbours", [](const Run& run) { return run.task.background.topics > 0; }},
     {"link", [](const Run& run) { return run.faults.any(); }},
     {"isolation", [](const Run& run) { return run.isolation.any(); }},
     {"listen", [](const Run& run) { return run.listening.any(); }}};
@@ -302,7 +302,7 @@ const Fields& fields() {
     Fields all;
     for (const auto part :
          {fields_of_run, fields_of_sending, fields_of_topics, realtime_fields, network_fields,
-          neighbour_fields, isolation_fields, kernel_fields, listening_fields, fields_of_record})
+          background_fields, isolation_fields, kernel_fields, listening_fields, fields_of_record})
       add(all, part());
     return all;
   }();
@@ -324,7 +324,8 @@ std::string current_key(const std::string& key) {
                                                                   {"reach", "host-prefix"},
                                                                   {"place", "command-prefix"}};
   for (const auto& [old, current] : renamed)
-    if (key == old || (key.starts_with(old) && key[old.size()] == '.')) return current + key.substr(old.size());
+    if (key == old || (key.starts_with(old) && key[old.size()] == '.'))
+      return current + key.substr(old.size());
   return key;
 }
 

@@ -173,8 +173,8 @@ Codec<Value> words(std::initializer_list<Value> all, const char* (*word_of)(Valu
 using Fields = std::vector<Field>;
 void add(Fields& all, Fields more);
 Fields realtime_fields();
-Fields network_fields();    // concurrent traffic, and the link's faults
-Fields neighbour_fields();  // ordinary topics beside the critical one
+Fields network_fields();     // concurrent traffic, and the link's faults
+Fields background_fields();  // ordinary topics beside the critical one
 Fields isolation_fields();
 Fields kernel_fields();
 std::uint64_t payload_of(Text);

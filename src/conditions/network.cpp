@@ -191,12 +191,12 @@ Codec<nanoseconds> rate() {
 }
 
 template <typename Value>
-Field of_neighbours(Field how, const std::string& name, Codec<Value> codec,
-                    Value roundtrip::NeighbourOptions::*what) {
+Field of_background(Field how, const std::string& name, Codec<Value> codec,
+                    Value roundtrip::BackgroundOptions::*what) {
   how.path = "background." + how.path;
-  auto made = field(std::move(how), "neighbours." + name, codec, within(&Run::task, &Task::neighbours, what));
+  auto made = field(std::move(how), "neighbours." + name, codec, within(&Run::task, &Task::background, what));
   return name == "topics" ? made : said(made, [set = made.set](Run& run, Text text) {
-    run.describes_neighbours = true;
+    run.describes_background = true;
     set(run, text);
   });
 }
@@ -251,13 +251,13 @@ Fields network_fields() {
   return all;
 }
 
-Fields neighbour_fields() {
-  using Options = roundtrip::NeighbourOptions;
+Fields background_fields() {
+  using Options = roundtrip::BackgroundOptions;
   using roundtrip::Where, transport::Reliability;
   return {
-      of_neighbours({"topics", "", "", "number of background topics beside the critical one: none"}, "topics",
+      of_background({"topics", "", "", "number of background topics beside the critical one: none"}, "topics",
                     number<int>(1, 100), &Options::topics),
-      of_neighbours(
+      of_background(
           {"where", "", "",
            "what background topics share with the critical one, the last four with ros2 only: "
            "same-participant"},
@@ -266,11 +266,11 @@ Fields neighbour_fields() {
                  Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor},
                 static_cast<const char* (*)(Where)>(roundtrip::word_of)),
           &Options::where),
-      of_neighbours({"rate", "", "", "message rate of each background topic and direction: 100 Hz"},
+      of_background({"rate", "", "", "message rate of each background topic and direction: 100 Hz"},
                     "rate_hz", rate(), &Options::period),
-      of_neighbours({"payload", "", "", "payload of each background message: 1 kB"}, "payload_bytes",
+      of_background({"payload", "", "", "payload of each background message: 1 kB"}, "payload_bytes",
                     size(payload_of), &Options::payload_bytes),
-      of_neighbours(
+      of_background(
           {"reliability", "", "", "reliability of background topics, which keep the last 10: best-effort"},
           "reliability", reliability(), &Options::reliability),
       {.path = "background.direction",
@@ -279,17 +279,17 @@ Fields neighbour_fields() {
        .help = "direction of background messages: both",
        .set =
            [](Run& run, Text text) {
-             run.describes_neighbours = true;
-             run.task.neighbours.there = direction().of_text(text) != Direction::to_controller;
-             run.task.neighbours.back = direction().of_text(text) != Direction::to_component;
+             run.describes_background = true;
+             run.task.background.there = direction().of_text(text) != Direction::to_controller;
+             run.task.background.back = direction().of_text(text) != Direction::to_component;
            },
        .parts = {"neighbours.there", "neighbours.back"}},
-      recorded("neighbours.there", on_or_off(), within(&Run::task, &Task::neighbours, &Options::there)),
-      recorded("neighbours.back", on_or_off(), within(&Run::task, &Task::neighbours, &Options::back)),
-      of_neighbours(
+      recorded("neighbours.there", on_or_off(), within(&Run::task, &Task::background, &Options::there)),
+      recorded("neighbours.back", on_or_off(), within(&Run::task, &Task::background, &Options::back)),
+      of_background(
           {"priority", "", "", "SCHED_FIFO priority of threads that only background topics use: none"},
           "priority", number<int>(1, 99), &Options::priority),
-      of_neighbours({"callback", "", "", "CPU time that the callback of each background message takes: none"},
+      of_background({"callback", "", "", "CPU time that the callback of each background message takes: none"},
                     "callback_us", time(us, up_to_an_hour), &Options::callback)};
 }
 

@@ -189,15 +189,15 @@ Remedy of_kernel_thread(const Part& part) {
 // Whether the callbacks of its background topics run on the thread that receives its messages.
 bool shares_callbacks(const record::Run& run, const std::string& end) {
   const auto& task = run.asked.task;
-  const auto& neighbours = task.neighbours;
+  const auto& background = task.background;
   const bool is_component = end == "component";
-  if (!(is_component ? neighbours.there : neighbours.back)) return false;
+  if (!(is_component ? background.there : background.back)) return false;
   const auto& transport = is_component ? run.asked.component_transport : task.transport;
   const auto& options = is_component ? run.asked.component_options : task.config.options;
   const auto executor = options.find("executor");
   const auto* const own = transport::shipped(transport);
   const bool ours = task.config.receive == transport::Receive::waitset;  // a thread for each topic
-  switch (neighbours.where) {
+  switch (background.where) {
     case Where::same_callback_group:
       return true;
     case Where::same_node:
@@ -214,11 +214,11 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
 
 // The remedy where callbacks of the background topics keep the thread busy; nullopt: they do not.
 std::optional<Remedy> remedy_of_callbacks(const Part& part, const record::Run& run) {
-  const auto callback = run.asked.task.neighbours.callback;
+  const auto callback = run.asked.task.background.callback;
   if (part.cause != Cause::busy || part.thread != "receive" || callback.count() <= 0 ||
       !shares_callbacks(run, part.end))
     return {};
-  return Remedy{{{"neighbours.where", "a value that gives them their own thread"}},
+  return Remedy{{{"background.where", "a value that gives them their own thread"}},
                 fmt::format("callbacks of the background topics, {:g} ms each, run on this thread",
                             static_cast<double>(callback.count()) / 1e6)};
 }

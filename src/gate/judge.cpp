@@ -182,7 +182,7 @@ std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
   for (const auto* way : record::both_ways) {
     if (record::find(outcome.traffic, way).is_short == true)
       return "traffic fell short of the requested rate";
-    if (record::find(outcome.neighbours, way).is_short)
+    if (record::find(outcome.background, way).is_short)
       return "background topics fell short of the requested rate";
   }
   return "";

@@ -267,7 +267,7 @@ class Drawing {
     return bars;
   }
 
-  // Joins bars that are too short to be seen with their neighbours.
+  // Joins bars that are too short to be seen with their background topics.
   std::vector<Bar> merged(const std::vector<Bar>& bars) const {
     const auto least_ns = std::max<std::int64_t>((to_ns_ - from_ns_) / parts_, 1);
     std::vector<Bar> all;

@@ -29,13 +29,13 @@ constexpr Abscissa payload{
       return static_cast<double>(std::max<std::size_t>(summary.run.asked.task.client.payload_bytes, 1));
     }};
 // The requested rate, or the achieved one if that fell short.
-double rate_of_neighbours_hz(const Summary& summary) {
-  const auto& asked = summary.run.asked.task.neighbours;
+double rate_of_background_hz(const Summary& summary) {
+  const auto& asked = summary.run.asked.task.background;
   if (asked.topics == 0) return 0;
   const auto rate_hz = 1e9 / static_cast<double>(asked.period.count());
   double sent = 0, others = 0;
   bool is_short = false;
-  for (const auto& [way, seen] : summary.run.outcome.neighbours) {
+  for (const auto& [way, seen] : summary.run.outcome.background) {
     is_short = is_short || seen.is_short;
     sent += static_cast<double>(seen.sent);
     others += static_cast<double>(seen.skipped_cycles) + static_cast<double>(seen.refused);
@@ -43,8 +43,8 @@ double rate_of_neighbours_hz(const Summary& summary) {
   // If none was sent, it is drawn at the requested rate, and marked.
   return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
-constexpr Abscissa rate_of_neighbours{
-    "background.rate", "Background topics: messages/s, each topic and direction", rate_of_neighbours_hz};
+constexpr Abscissa rate_of_background{
+    "background.rate", "Background topics: messages/s, each topic and direction", rate_of_background_hz};
 
 // What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
 std::string line_of(const Summary& summary, const Abscissa& abscissa) {
@@ -95,7 +95,7 @@ constexpr int hollow_points[] = {6, 4, 8, 12};
 }  // namespace
 
 std::string plot_against(const Group& group, const Plot& plot) {
-  const auto& abscissa = plot.figure == Plot::Figure::payload ? payload : rate_of_neighbours;
+  const auto& abscissa = plot.figure == Plot::Figure::payload ? payload : rate_of_background;
   constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;

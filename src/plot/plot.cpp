@@ -167,7 +167,7 @@ std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
     case Plot::Figure::conditions:
       return plot_conditions(group, plot);
     case Plot::Figure::payload:
-    case Plot::Figure::neighbours:
+    case Plot::Figure::background:
       return plot_against(group, plot);
     default:
       return plot_over_time(group, plot);

@@ -13,7 +13,7 @@ namespace ontime::plot {
 
 // One column's width, or `wide`, of both. Letters are of 7 pt at that size.
 struct Plot {
-  enum class Figure { time, ccdf, conditions, payload, neighbours } figure = Figure::time;
+  enum class Figure { time, ccdf, conditions, payload, background } figure = Figure::time;
   enum class Form { svg, pdf, png } form = Form::svg;
   bool wide = false;
 };

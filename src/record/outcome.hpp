@@ -71,7 +71,9 @@ struct Thread {
   std::string cpus;
   std::optional<std::int64_t> minor_faults, major_faults, voluntary_switches, involuntary_switches;
   std::optional<double> cpu_time_us, instructions;
-  bool is_of_background_topics() const { return role.starts_with("neighbours "); }
+  bool is_of_background_topics() const {
+    return role.starts_with("background ") || role.starts_with("neighbours ");  // its earlier name
+  }
 
   static void fields(auto& of, auto&& field) {
     each(field, "role", of.role, "name", of.name, "tid", of.tid, "policy", of.policy, "priority", of.priority,
@@ -202,12 +204,12 @@ struct Host {
   Losses losses;
   Drops drops;
   Link link;
-  BackgroundSent neighbours;
+  BackgroundSent background;
 
   static void fields(auto& of, auto&& field) {
     each(field, "machine", of.machine, "transport", of.transport, "threads", of.threads, "refusals",
          of.refusals, "kernel", of.kernel, "isolation", of.isolation, "load_running", of.load_running, "load",
-         of.load, "losses", of.losses, "drops", of.drops, "link", of.link, "neighbours", of.neighbours);
+         of.load, "losses", of.losses, "drops", of.drops, "link", of.link, "neighbours", of.background);
   }
 };
 
@@ -282,7 +284,7 @@ struct Outcome {
   ByName<Host> hosts;                        // "controller", "component"
   ByName<Activity> conditions;               // of the same
   ByName<TrafficSeen> traffic;               // "to_component", "to_controller"
-  ByName<BackgroundSeen> neighbours;         // of the same
+  ByName<BackgroundSeen> background;         // of the same
   std::optional<std::string> link_unproved;  // why it is not proved that messages took the link under test
   std::optional<ByName<Traced>> trace;       // by host
   Counts histogram;
@@ -292,7 +294,7 @@ struct Outcome {
     each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
          of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
          of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting, "hosts",
-         of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours", of.neighbours,
+         of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours", of.background,
          "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram);
   }
 };

@@ -32,7 +32,7 @@ Conditions conditions_of(const Summary& run) {
   std::vector<std::string> stress, tuned;
   if (asked.controller_load.any() || asked.component_load.any()) stress.emplace_back("load");
   if (asked.traffic.any()) stress.emplace_back("traffic");
-  if (asked.task.neighbours.topics > 0) stress.emplace_back("background topics");
+  if (asked.task.background.topics > 0) stress.emplace_back("background topics");
   if (asked.faults.any()) stress.emplace_back("link faults");
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");

@@ -81,7 +81,7 @@ std::string traffic(const conditions::Traffic& traffic) {
 
 // "4 background topics of 1 KiB each way, reliable", "at 100 Hz", "in another process": runs may differ in
 // each.
-void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
+void add_background(std::vector<Phrase>& phrases, const Asked& asked) {
   static constexpr const char* places[] = {"in the same callback group",
                                            "in another callback group of the node",
                                            "in another node of the executor",
@@ -89,22 +89,22 @@ void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
                                            "in the same participant",
                                            "in another participant of the process",
                                            "in another process"};
-  const auto& neighbours = asked.task.neighbours;
-  if (neighbours.topics == 0) return;
+  const auto& background = asked.task.background;
+  if (background.topics == 0) return;
   auto text = fmt::format(
       "{} of {} {}, {}",
-      many(static_cast<std::uint64_t>(neighbours.topics), "background topic", "background topics"),
-      size(neighbours.payload_bytes), direction(neighbours.there, neighbours.back),
-      conditions::word_of(neighbours.reliability));
-  if (neighbours.priority > 0) text += fmt::format(" with SCHED_FIFO {}", neighbours.priority);
-  phrases.push_back({"neighbours", text});
-  const double hz = 1e9 / static_cast<double>(neighbours.period.count());
+      many(static_cast<std::uint64_t>(background.topics), "background topic", "background topics"),
+      size(background.payload_bytes), direction(background.there, background.back),
+      conditions::word_of(background.reliability));
+  if (background.priority > 0) text += fmt::format(" with SCHED_FIFO {}", background.priority);
+  phrases.push_back({"background", text});
+  const double hz = 1e9 / static_cast<double>(background.period.count());
   phrases.push_back(
-      {"neighbours.rate", fmt::format("at {:.4g} {}", hz < 1000 ? hz : hz / 1000, hz < 1000 ? "Hz" : "kHz")});
-  if (neighbours.callback.count() > 0)
+      {"background.rate", fmt::format("at {:.4g} {}", hz < 1000 ? hz : hz / 1000, hz < 1000 ? "Hz" : "kHz")});
+  if (background.callback.count() > 0)
     phrases.push_back(
-        {"neighbours.callback", fmt::format("with callbacks of {}", duration(neighbours.callback))});
-  phrases.push_back({"neighbours.where", places[static_cast<std::size_t>(neighbours.where)]});
+        {"background.callback", fmt::format("with callbacks of {}", duration(background.callback))});
+  phrases.push_back({"background.where", places[static_cast<std::size_t>(background.where)]});
 }
 
 std::string link(const Asked& asked) {
@@ -256,7 +256,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
     if (!field.path.starts_with("link.") && !field.path.starts_with("isolation.")) add_field(field);
   add("load", "load", load(asked));
   add("traffic", "traffic", traffic(asked.traffic));
-  add_neighbours(phrases, asked);
+  add_background(phrases, asked);
   add("link", "link", link(asked));
   add("wire", "wire", wire(asked.wire));
   add("isolation", "isolation", join(phrases_below("isolation.", asked), ", "));
@@ -310,7 +310,8 @@ Compared compare(const Group& group) {
 std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) {
   const auto& run = summary.run.asked;
   if (!run.varied.empty() || run.variant.empty()) return run.varied;
-  const auto is_key = [](const std::string& word) {
+  const auto is_key = [](const std::string& stated) {
+    const auto word = conditions::current_key(stated);
     return word.starts_with("options.") || word.starts_with("component.options.") || word == "component" ||
            std::ranges::any_of(conditions::keys(), [&](const auto& key) {
              return key.path == word || word.ends_with("." + key.path);
@@ -320,7 +321,8 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
   for (const auto& part : split(replace_all(run.variant, ", ", "\n"), '\n')) {
     const auto end = std::min(part.find(' '), part.size());
     if (varied.empty() || is_key(part.substr(0, end)))
-      varied.emplace_back(part.substr(0, end), end < part.size() ? part.substr(end + 1) : "");
+      varied.emplace_back(conditions::current_key(part.substr(0, end)),
+                          end < part.size() ? part.substr(end + 1) : "");
     else
       varied.back().second += ", " + part;
   }
@@ -331,7 +333,7 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
 // begins the label.
 void add_variant(std::string& label, const Summary& summary, const std::vector<Phrase>& phrases) {
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
-                                         "neighbours", "kernel", "isolation"};
+                                         "background", "kernel", "isolation"};
   for (const auto& [key, value] : varied(summary)) {
     const bool told =
         key == "component.transport" || std::ranges::any_of(phrases, [&, &key = key](const Phrase& phrase) {

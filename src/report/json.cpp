@@ -150,7 +150,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   const auto parts = summary.parts.value_or(statistics::Parts{});
   run["request_leg_us"] = json_of(parts.there);
   run["reply_leg_us"] = json_of(parts.back);
-  // Earlier names, kept for one version; so is `neighbours` below.
+  // Earlier names, kept for one version; so is `background` below.
   run["there_us"] = run["request_leg_us"];
   run["back_us"] = run["reply_leg_us"];
   run["parts"] = parts_of(summary);
@@ -165,9 +165,9 @@ ordered_json json_of(const statistics::Summary& summary) {
                       "count_instructions", "kernel", "isolation", "listen"});
   run["conditions"].update(some_of(asked, {"component", "component_transport", "component_options",
                                            "component_interface", "component_restart", "beside", "others"}));
-  for (const auto& [name, of_asked, of_outcome] :
-       {std::array{"load", "load", "conditions"}, {"traffic", "traffic", "traffic"},
-        {"background", "neighbours", "neighbours"}})
+  for (const auto& [name, of_asked, of_outcome] : {std::array{"load", "load", "conditions"},
+                                                   {"traffic", "traffic", "traffic"},
+                                                   {"background", "neighbours", "neighbours"}})
     run["conditions"][name] = {{"asked", at(asked, of_asked)}, {"achieved", at(outcome, of_outcome)}};
   run["conditions"]["neighbours"] = run["conditions"]["background"];
   run["conditions"].update(some_of(asked, {"link", "wire"}));

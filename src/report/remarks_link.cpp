@@ -48,7 +48,7 @@ std::uint64_t bounded(std::uint64_t number) { return std::min<std::uint64_t>(num
 std::uint64_t background_bytes(const statistics::Summary& summary) {
   std::uint64_t bytes = 0;
   for (const auto& [name, host] : summary.run.outcome.hosts)
-    bytes += bounded(host.neighbours.sent) * (bounded(host.neighbours.payload_bytes) + headers_bytes);
+    bytes += bounded(host.background.sent) * (bounded(host.background.payload_bytes) + headers_bytes);
   return bytes;
 }
 
@@ -87,7 +87,7 @@ Remark background_remark(const Outcome& outcome) {
       {&Seen::strays, "{} of another sender"}};
   std::vector<std::string> ways;
   bool any_short = false;
-  for (const auto& [way, seen] : outcome.neighbours) {
+  for (const auto& [way, seen] : outcome.background) {
     any_short = any_short || seen.is_short;
     const auto text =
         fmt::format("{} of {} arrived at the {}", grouped(seen.received), grouped(seen.sent), end_of(way));

@@ -41,7 +41,7 @@ struct Found {
 
 bool any_short(const record::Outcome& outcome) {
   const auto is_short = [](const auto& way) { return way.second.is_short == true; };
-  return std::ranges::any_of(outcome.neighbours, is_short) || std::ranges::any_of(outcome.traffic, is_short);
+  return std::ranges::any_of(outcome.background, is_short) || std::ranges::any_of(outcome.traffic, is_short);
 }
 
 void add(Step& step, const Summary& summary) {

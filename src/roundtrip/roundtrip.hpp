@@ -129,7 +129,7 @@ class Client {
 // it.
 using transport::Where;
 const char* word_of(Where);  // "same-callback-group" …
-struct NeighbourOptions {
+struct BackgroundOptions {
   int topics = 0;  // 0: there are none
   Where where = Where::same_participant;
   std::size_t payload_bytes = 1000;
@@ -143,11 +143,11 @@ struct NeighbourOptions {
   std::uint32_t session = 0;
 };
 // How many messages of all topics together go each way in that time, at least one.
-std::uint64_t messages_asked(const NeighbourOptions&, std::chrono::nanoseconds duration);
-std::string neighbour_topic(std::string critical, int number);  // "/neighbour_1/ping" of "/ping"
+std::uint64_t messages_asked(const BackgroundOptions&, std::chrono::nanoseconds duration);
+std::string background_topic(std::string critical, int number);  // "/background_1/ping" of "/ping"
 
 // Of one end. A sent message is lost if the other end did not receive it.
-struct NeighbourCounters {
+struct BackgroundCounters {
   std::uint64_t sent = 0, refused = 0;
   std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period
   std::uint64_t received = 0;
@@ -156,15 +156,15 @@ struct NeighbourCounters {
                                // share where one thread receives all topics
 };
 
-class Neighbours {
+class BackgroundTopics {
  public:
   // `critical`: the endpoint that they are beside; nothing in a process of their own. Throws
   // transport::Error.
-  Neighbours(const transport::Plugin&, transport::Endpoint* critical, const transport::Config&,
-             const NeighbourOptions&, std::chrono::nanoseconds duration);
-  ~Neighbours();  // before what they are beside
-  Neighbours(const Neighbours&) = delete;
-  Neighbours& operator=(const Neighbours&) = delete;
+  BackgroundTopics(const transport::Plugin&, transport::Endpoint* critical, const transport::Config&,
+                   const BackgroundOptions&, std::chrono::nanoseconds duration);
+  ~BackgroundTopics();  // before what they are beside
+  BackgroundTopics(const BackgroundTopics&) = delete;
+  BackgroundTopics& operator=(const BackgroundTopics&) = delete;
 
   transport::Endpoint& endpoint();  // one of them
   std::vector<Thread> threads();    // also those that they share with the critical one
@@ -174,7 +174,7 @@ class Neighbours {
   void start();
   void go();
   void stop();  // at any time
-  NeighbourCounters counters() const;
+  BackgroundCounters counters() const;
 
  private:
   class Group;

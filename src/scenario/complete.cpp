@@ -170,7 +170,7 @@ void complete(Run& run) {
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);
-  complete_neighbours(run);
+  complete_background(run);
   complete_isolation(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(

@@ -10,7 +10,7 @@ namespace ontime::scenario {
 
 // Concurrent traffic, link faults and background topics.
 void complete_network(Run&);
-void complete_neighbours(const Run&);
+void complete_background(const Run&);
 bool has_no_topics(const std::string& transport);
 // Whether ROS 2 accepts the names of all topics.
 void check_topics(const transport::Config&);

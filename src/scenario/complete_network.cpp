@@ -85,20 +85,20 @@ void complete_link(const Run& run) {
 
 constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
 constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
-constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
+constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/background.cpp has it
 
 // These places exist only in a transport with nodes and executors.
 void check_place(const Run& run) {
-  const auto* const where = roundtrip::word_of(run.task.neighbours.where);
+  const auto* const where = roundtrip::word_of(run.task.background.where);
   for (const auto& transport : {run.task.transport, run.component_transport})
     if (const auto* const own = transport::shipped(transport); own != nullptr && !own->can.nodes)
       throw std::invalid_argument(
-          fmt::format("neighbours.where: {} needs ROS 2, and {} has no nodes or executors: use "
+          fmt::format("background.where: {} needs ROS 2, and {} has no nodes or executors: use "
                       "same-participant, same-process or other-process",
                       where, transport));
   if (run.task.config.receive == transport::Receive::waitset)
     throw std::invalid_argument(fmt::format(
-        "neighbours.where: {} needs an executor, which receive: waitset does not have: use receive: listener",
+        "background.where: {} needs an executor, which receive: waitset does not have: use receive: listener",
         where));
 }
 
@@ -120,16 +120,16 @@ void complete_network(Run& run) {
   if (is_below_ip(run.task.transport)) run.task.config.priority = run.faults.message_priority;
 }
 
-void complete_neighbours(const Run& run) {
-  const auto& neighbours = run.task.neighbours;
-  if (neighbours.topics == 0) {
-    if (run.describes_neighbours)
-      throw std::invalid_argument("background topics have settings but no number: set neighbours.topics");
+void complete_background(const Run& run) {
+  const auto& background = run.task.background;
+  if (background.topics == 0) {
+    if (run.describes_background)
+      throw std::invalid_argument("background topics have settings but no number: set background.topics");
     return;
   }
   for (const auto& transport : {run.task.transport, run.component_transport}) {
     const auto* const own = transport::shipped(transport);
-    if (own == nullptr || own->can.neighbours) continue;
+    if (own == nullptr || own->can.background) continue;
     if (own->can.topics)
       throw std::invalid_argument(
           fmt::format("transport {} has no background topics: use a DDS transport", transport));
@@ -137,24 +137,24 @@ void complete_neighbours(const Run& run) {
         "transport {} has no topics, so no background topics: use traffic for other packets on the link",
         transport));
   }
-  if (transport::is_of_nodes(neighbours.where)) check_place(run);
-  if (neighbours.period / neighbours.topics < least_step)
+  if (transport::is_of_nodes(background.where)) check_place(run);
+  if (background.period / background.topics < least_step)
     throw std::invalid_argument(
-        fmt::format("neighbours.rate: {} topics with a message every {} are more than 100000 messages/s in "
+        fmt::format("background.rate: {} topics with a message every {} are more than 100000 messages/s in "
                     "each direction",
-                    neighbours.topics, text_of(neighbours.period)));
-  if (static_cast<std::uint64_t>(neighbours.topics) * depth * neighbours.payload_bytes > most_kept_bytes)
+                    background.topics, text_of(background.period)));
+  if (static_cast<std::uint64_t>(background.topics) * depth * background.payload_bytes > most_kept_bytes)
     throw std::invalid_argument(
-        fmt::format("neighbours.payload: {} topics, each with {} kept messages of {} bytes, need more than 1 "
+        fmt::format("background.payload: {} topics, each with {} kept messages of {} bytes, need more than 1 "
                     "GiB of memory at each end",
-                    neighbours.topics, depth, neighbours.payload_bytes));
+                    background.topics, depth, background.payload_bytes));
   if (run.component_restart)
     throw std::invalid_argument(
-        "lost background messages cannot be counted across a restart: leave out neighbours or "
+        "lost background messages cannot be counted across a restart: leave out background or "
         "component.restart");
   auto config = run.task.config;
   for (auto* topic : {&config.ping_topic, &config.pong_topic})
-    *topic = roundtrip::neighbour_topic(*topic, neighbours.topics);
+    *topic = roundtrip::background_topic(*topic, background.topics);
   check_topics(config);
 }
 

@@ -124,9 +124,9 @@ class HostsOfFile {
       if (key == "ssh")
         host.ssh = read_destination(value);
       else if (key == "host-prefix")
-        host.reach = read_words(value, key);
+        host.host_prefix = read_words(value, key);
       else if (key == "command-prefix")
-        host.place = read_words(value, key);
+        host.command_prefix = read_words(value, key);
       else if (key == "program")
         host.program = scalar_of(file_, value, key);
       else if (key == "interface")

@@ -31,7 +31,7 @@ class RunKeys {
   RunKeys(const std::string& file, const Hosts& hosts, bool named, Notices& notices)
       : file_(file), hosts_(hosts), named_(named), notices_(notices) {}
   Said divided(const std::string& path) const;
-  // With the key's name in this version: "arm.background.rate" for "arm.neighbours.rate".
+  // With the key's name in this version: "arm.background.rate" for "arm.background.rate".
   std::string current(const std::string& path) const;
   Entries flat(const YAML::Node& run) const;
 

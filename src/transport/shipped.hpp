@@ -28,16 +28,16 @@ inline constexpr Shipped all_shipped[] = {
      {.below_ip = true, .past_the_kernel = true},
      ". Fix: install the package ontime-transport-xdp, or build ontime with libxdp-dev and libbpf-dev"},
     {"cyclonedds",
-     {.security = true, .neighbours = true, .shares_threads = true},
+     {.security = true, .background = true, .shares_threads = true},
      ". Fix: install the package ontime-transport-cyclonedds, or build ontime with cyclonedds-dev"},
     {"fastdds",
-     {.security = true, .neighbours = true, .hears = true},
+     {.security = true, .background = true, .hears = true},
      ". Fix: install the package ontime-transport-fastdds, or build ontime with libfastrtps-dev"},
     {"opendds",
-     {.neighbours = true},
+     {.background = true},
      ". Fix: build ontime with OpenDDS (no Debian package; see docs/how-to/opendds.md)"},
     {"ros2",
-     {.neighbours = true, .nodes = true},
+     {.background = true, .nodes = true},
      ". Fix: build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)"}};
 
 // nullptr: it is not one of ontime's own.

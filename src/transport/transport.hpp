@@ -142,7 +142,7 @@ class Endpoint {
  public:
   virtual ~Endpoint() = default;  // the sink is not called after it
 
-  // Ordinary thread, before the first message; only with Capabilities::neighbours. Opens another endpoint in
+  // Ordinary thread, before the first message; only with Capabilities::background. Opens another endpoint in
   // this process, with its own topics; this one must outlive it. A transport without nodes treats ROS 2's
   // values as `same_participant`. Throws Error.
   virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Where) { return nullptr; }
@@ -204,7 +204,7 @@ struct Capabilities {
   bool security = false;         // honours Config::security
   bool launch_time = false;      // honours Config::launch_ns
   bool topics = true;            // honours Config::ping_topic and pong_topic
-  bool neighbours = false;       // Endpoint::beside() opens another endpoint
+  bool background = false;       // Endpoint::beside() opens another endpoint
   bool nodes = false;            // has ROS 2's nodes, callback groups and executors: the first four of Where
   bool below_ip = false;         // its messages have no IP header, and its Config::priority is its own to set
   bool past_the_kernel = false;  // bypasses packet filter, queueing disciplines and tracepoints

@@ -47,7 +47,7 @@ KINDS = [
     Kind("sleep", makers.nothing, "waited", "", DELIVERED, OURS_FIFO, fault="sleep 30"),
     Kind("lock", makers.nothing, "waited", "culprit-lock", DELIVERED, OURS_FIFO, fault="lock 20"),
     Kind("busy", makers.nothing, "busy", "", DELIVERED, OURS_FIFO, fault="busy 30"),
-    Kind("callback", makers.nothing, "busy", "", DELIVERED, OURS_FIFO + ", options.statistics: off, neighbours: {topics: 1, rate: 5 Hz, "
+    Kind("callback", makers.nothing, "busy", "", DELIVERED, OURS_FIFO + ", options.statistics: off, background: {topics: 1, rate: 5 Hz, "
          "callback: 30 ms, where: same-node, direction: to-END}", over="ros2", lacks=makers.no_ros2),
     Kind("pages", makers.nothing, "page-fault", "", DELIVERED, OURS_FIFO + ", realtime.lock-memory: off", fault="pages 30"),
     Kind("two", makers.stopped, "stopped", keys=OURS_FIFO, fault="sleep 30", also="waited"),

@@ -22,7 +22,7 @@ defaults:
   deadline: 100 ms
   duration: 1 s
   load: {{controller: {{cpu: 1}}, component: {{cpu: 1}}}}
-  neighbours: {{topics: 1, where: other-process, rate: 30 Hz, payload: 100 B, direction: to-component, callback: 12 ms, priority: 30}}
+  background: {{topics: 1, where: other-process, rate: 30 Hz, payload: 100 B, direction: to-component, callback: 12 ms, priority: 30}}
 runs:
 """
 RESPONSE = "response p90 < 1 ms"
@@ -34,7 +34,7 @@ FAULTS = {
     "irq-and-napi": Fault(RESPONSE, {"realtime": "on", "kernel.threaded-napi": "on", "kernel.irq-threads": "other"}),
     # While the program keeps the receiver from its CPU, six messages arrive. The socket holds two or three.
     "buffer": Fault("lost < 5 %", {"realtime.policy": "fifo", "realtime.priority": "40", "realtime.send.priority": "80",
-                                   "neighbours.priority": "45", "schedule": "fixed", "period": "1.97 ms", "payload": "1200 B",
+                                   "background.priority": "45", "schedule": "fixed", "period": "1.97 ms", "payload": "1200 B",
                                    "kernel.rmem-max": "2500 B"}),
 }
 Row = collections.namedtuple("Row", "name found missed took_s")

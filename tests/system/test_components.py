@@ -70,9 +70,9 @@ class Components(Program):
         try:
             for command in commands:
                 subprocess.run(["ip", *command.split()], check=True)
-            text = SCENARIO.replace("hosts: namespaces", "hosts: {controller: {place: [ip, netns, exec, ot-near]}}").replace(
-                "[left_arm, base]", """{arm: {place: [ip, netns, exec, ot-arm], interface: far, address: 198.18.0.2},
-                                        base: {place: [ip, netns, exec, ot-base], interface: far, address: 198.18.1.2}}""")
+            text = SCENARIO.replace("hosts: namespaces", "hosts: {controller: {command-prefix: [ip, netns, exec, ot-near]}}").replace(
+                "[left_arm, base]", """{arm: {command-prefix: [ip, netns, exec, ot-arm], interface: far, address: 198.18.0.2},
+                                        base: {command-prefix: [ip, netns, exec, ot-base], interface: far, address: 198.18.1.2}}""")
             answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results)
             self.assertEqual(answer.returncode, 0, answer.stderr)
             for run, address in zip(self.report(), ("198.18.0.2:", "198.18.1.2:")):
@@ -124,9 +124,9 @@ class Components(Program):
         commands = ["link add both netns ot-near type veth peer name far netns ot-both", "-n ot-near addr add 198.18.0.1/30 dev both",
                     "-n ot-both addr add 198.18.0.2/30 dev far", "-n ot-near link set both up", "-n ot-both link set far up"]
         text = """
-hosts: {controller: {place: [ip, netns, exec, ot-near], interface: both}}
+hosts: {controller: {command-prefix: [ip, netns, exec, ot-near], interface: both}}
 components:
-  arm: &both {place: [ip, netns, exec, ot-both], interface: far, address: 198.18.0.2}
+  arm: &both {command-prefix: [ip, netns, exec, ot-both], interface: far, address: 198.18.0.2}
   base: *both
 defaults: {transport: cyclonedds, period: 5 ms, duration: 2 s, base: {traffic: {rate: 4 Mbit/s}}}
 runs:

@@ -121,7 +121,7 @@ class Docs(unittest.TestCase):
 
     def test_results_to_look_at(self):
         self.files_of("demo.ontime", "layers.ontime")
-        # Those of mixed.ontime are in test_neighbours.py.
+        # Those of mixed.ontime are in test_background.py.
         lines = [line for line in commands("docs/how-to/draw-figures.md") + commands("docs/reference/report.md")
                  if "mixed.ontime" not in line]
         self.assertGreaterEqual(len(lines), 4)

@@ -242,7 +242,7 @@ class Endings(Program):
         way.write_text('#!/bin/sh\n[ -e "$0.gone" ] && exit 1\nexec "$@"\n')
         way.chmod(0o755)
         path = pathlib.Path(self.folder, "scenario.yaml")
-        path.write_text("hosts: {component: {reach: [%s], address: 127.0.0.1}}\ndefaults: {transport: udp, period: 5 ms}\n"
+        path.write_text("hosts: {component: {host-prefix: [%s], address: 127.0.0.1}}\ndefaults: {transport: udp, period: 5 ms}\n"
                         "runs: [{id: one, duration: 300 ms}, {id: two, duration: 1 h}, {id: three, duration: 300 ms}]\n" % way)
         junit = os.path.join(self.folder, "junit.xml")
         process = self.start_ontime("run", str(path), "--results", self.results, "--junit", junit)

@@ -26,8 +26,8 @@ runs:
 """
 PLACES = """
 hosts:
-  controller: {place: %s, interface: lo}
-  component: {place: %s, interface: lo, address: 127.0.0.1}
+  controller: {command-prefix: %s, interface: lo}
+  component: {command-prefix: %s, interface: lo, address: 127.0.0.1}
 defaults: {transport: udp, period: 5 ms, duration: 300 ms}
 runs:
   - {id: placed, load: {controller: {cpu: 1}}, isolation: %s}

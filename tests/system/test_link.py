@@ -133,8 +133,8 @@ runs:
                         "-n ot-left link set ot-l up", "-n ot-right link set ot-r up"):
             subprocess.run(["ip", *command.split()], check=True)
         try:
-            hosts = """{controller: {place: [ip, netns, exec, ot-left], interface: ot-l, address: 198.18.7.1},
-                        component: {place: [ip, netns, exec, ot-right], interface: ot-r, address: 198.18.7.2}}"""
+            hosts = """{controller: {command-prefix: [ip, netns, exec, ot-left], interface: ot-l, address: 198.18.7.1},
+                        component: {command-prefix: [ip, netns, exec, ot-right], interface: ot-r, address: 198.18.7.2}}"""
             text = self.FAULTS.replace("hosts: namespaces", "hosts: " + hosts)
             ours = ["run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "busy", "--results", self.results]
 

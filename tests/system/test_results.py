@@ -227,7 +227,7 @@ class Results(unittest.TestCase):
 
     def test_a_run_that_cannot_begin_leaves_no_file(self):
         path = self.folder / "unreachable.yaml"
-        path.write_text("hosts: {component: {reach: ['false'], address: 127.0.0.1}}\n"
+        path.write_text("hosts: {component: {host-prefix: ['false'], address: 127.0.0.1}}\n"
                         "runs: [{id: one, transport: udp, duration: 100 ms}]\n")
         self.ontime("run", path, code=3)
         self.ontime("run", path, "--results", "mine.ontime", code=3)
@@ -247,8 +247,8 @@ class Results(unittest.TestCase):
 
     def test_all_hosts_are_checked_before_the_first_run(self):
         path = self.folder / "unready.yaml"
-        path.write_text("hosts:\n  controller: {reach: ['false'], address: 127.0.0.1}\n"
-                        "  component: {reach: [env, ONTIME_TEST=1], address: 127.0.0.1}\n"
+        path.write_text("hosts:\n  controller: {host-prefix: ['false'], address: 127.0.0.1}\n"
+                        "  component: {host-prefix: [env, ONTIME_TEST=1], address: 127.0.0.1}\n"
                         "runs: [{id: one, transport: [udp, unheard-of], duration: 100 ms}]\n")
         said = self.ontime("run", path, code=3).stderr
         self.assertIn("2 problems", said)

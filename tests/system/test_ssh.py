@@ -269,7 +269,7 @@ class Ssh(unittest.TestCase):
         (folder / name).chmod(0o755)
         path = self.scenario(program="")
         words = ", ".join(f"'{word}'" for word in ("env", f"PATH={folder}:/usr/bin:/bin", *variables))
-        path.write_text(path.read_text().replace("component: {", f"component: {{reach: [{words}], "))
+        path.write_text(path.read_text().replace("component: {", f"component: {{host-prefix: [{words}], "))
         return path
 
     def test_deploy_to_another_architecture_is_refused(self):

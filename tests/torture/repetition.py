@@ -248,8 +248,8 @@ class OverInterfacesOfItsOwn(Repetition):
     def command(self):
         return self.scenario(f"""
 hosts:
-  controller: {{place: [ip, netns, exec, near], interface: to-far, address: 198.18.1.1}}
-  component: {{place: [ip, netns, exec, far], interface: to-near, address: 198.18.1.2}}
+  controller: {{command-prefix: [ip, netns, exec, near], interface: to-far, address: 198.18.1.1}}
+  component: {{command-prefix: [ip, netns, exec, far], interface: to-near, address: 198.18.1.2}}
 defaults: {{transport: {self.transport}, period: 5 ms, timeout: 100 ms, duration: {self.duration}}}
 runs:
   - id: tortured

@@ -23,7 +23,7 @@ std::shared_ptr<rclcpp::Executor> new_executor(const Options& options,
 class Spinning {
  public:
   static constexpr const char* thread_name = "ontime-executor";
-  static constexpr const char* name_beside = "beside-executor";  // where it runs neighbours alone
+  static constexpr const char* name_beside = "beside-executor";  // where it runs background topics alone
 
   // The threads that it starts inherit the name.
   Spinning(std::shared_ptr<rclcpp::Executor> executor, const char* name);

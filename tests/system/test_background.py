@@ -16,7 +16,7 @@ defaults: {transport: [%s], period: 5 ms, duration: %s}
 runs:
   - id: beside
     realtime: on
-    neighbours: {topics: 3, rate: 100 Hz, payload: 2 kB, reliability: reliable,
+    background: {topics: 3, rate: 100 Hz, payload: 2 kB, reliability: reliable,
                  where: [same-participant, same-process, other-process]}
 """
 SEARCH = """
@@ -24,26 +24,26 @@ hosts: namespaces
 repeat: 2
 defaults: {transport: [%s], period: 1 s, deadline: 5 s, timeout: 5 s, duration: %s}
 runs:
-  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [1 Hz, 2 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
+  - {id: up, search: background.rate, background: {topics: 1, rate: [1 Hz, 2 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
 """
 OVERRUN = """
 hosts: namespaces
 defaults: {transport: [%s], period: 5 ms, duration: %s}
 runs:
-  - {id: beside, neighbours: {topics: 1, rate: 50 Hz, callback: 40 ms, direction: to-component, where: other-process}}
+  - {id: beside, background: {topics: 1, rate: 50 Hz, callback: 40 ms, direction: to-component, where: other-process}}
 """
 STARVED = """
 hosts: namespaces
 defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, warm-up: 50, duration: %s}
 runs:
-  - {id: up, search: neighbours.callback,
-     neighbours: {topics: 1, rate: 10 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
+  - {id: up, search: background.callback,
+     background: {topics: 1, rate: 10 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
 """
 KILLED = """
 hosts: namespaces
 defaults: {transport: [%s], period: 500 ms, deadline: 2 s, timeout: 2 s, duration: %s}
 runs:
-  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [1 Hz, 2 Hz, 3 Hz], reliability: reliable}}
+  - {id: up, search: background.rate, background: {topics: 1, rate: [1 Hz, 2 Hz, 3 Hz], reliability: reliable}}
 """
 DDS = [name for name in TRANSPORTS if name != "udp"]
 
@@ -66,7 +66,7 @@ class Neighbours(Program):
                 self.assertEqual(len({run["key"] for run in self.report()}), 3)
 
     def counted(self, run):
-        for way, counted in run["conditions"]["neighbours"]["achieved"].items():
+        for way, counted in run["conditions"]["background"]["achieved"].items():
             with self.subTest(way=way, run=run["variant"]):
                 self.assertEqual(counted["sent"] + counted["refused"] + counted["skipped_cycles"], 300, "three, 100 times")
                 self.assertGreater(counted["received"], 0)
@@ -75,9 +75,9 @@ class Neighbours(Program):
 
     def ordinary(self, run):
         for name, host in run["hosts"].items():
-            beside = [thread for thread in host["threads"] if thread["role"].startswith("neighbours ")]
+            beside = [thread for thread in host["threads"] if thread["role"].startswith("background ")]
             with self.subTest(host=name, run=run["variant"]):
-                self.assertIn("neighbours send", [thread["role"] for thread in beside])
+                self.assertIn("background send", [thread["role"] for thread in beside])
                 self.assertEqual({thread["policy"] for thread in beside}, {"other"})
                 critical = [thread for thread in host["threads"] if thread["role"] in ("send", "receive")]
                 self.assertTrue(critical)
@@ -90,13 +90,13 @@ class Neighbours(Program):
         scenario = self.scenario("5 s", text=SEARCH, transports=DDS[:1])
         answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("highest neighbours.rate without a miss", answer.stdout)
+        self.assertIn("highest background.rate without a miss", answer.stdout)
         first = self.report()
         steps = [(run["variant"], run["repetition"]) for run in first]
-        self.assertEqual(steps[:4], [(f"neighbours.rate {rate}", times) for rate in ("1 Hz", "2 Hz") for times in (1, 2)])
-        self.assertEqual(steps[4][0], "neighbours.rate 100 kHz")
+        self.assertEqual(steps[:4], [(f"background.rate {rate}", times) for rate in ("1 Hz", "2 Hz") for times in (1, 2)])
+        self.assertEqual(steps[4][0], "background.rate 100 kHz")
         (search,) = self.searches()
-        self.assertEqual(search["key"], "neighbours.rate")
+        self.assertEqual(search["key"], "background.rate")
         self.assertEqual(search["passed"]["value"], "2 Hz")
         self.assertEqual(search["passed"]["messages"], 10, "of both times")
         self.assertEqual(search["ended"]["value"], "100 kHz", "two gigabytes a second are nowhere to be had")
@@ -110,7 +110,7 @@ class Neighbours(Program):
     def test_end_a_search_where_they_leave_no_time_to_answer(self):
         answer = self.run_ontime("run", self.scenario("8 s", text=STARVED, transports=["cyclonedds"]), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertRegex(answer.stderr, "search of neighbours.callback ends at 10 s: .*warm-up")
+        self.assertRegex(answer.stderr, "search of background.callback ends at 10 s: .*warm-up")
         (search,) = self.searches()
         self.assertEqual(search["passed"]["value"], "1 ms")
         self.assertEqual(search["ended"]["value"], "10 s")
@@ -133,7 +133,7 @@ class Neighbours(Program):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertRegex(answer.stderr, r"BACKGROUND TOPICS SHORTFALL: .*\d+ with a callback")
         (run,) = self.report()
-        counted = run["conditions"]["neighbours"]["achieved"]["to_component"]
+        counted = run["conditions"]["background"]["achieved"]["to_component"]
         self.assertTrue(counted["short"])
         self.assertGreater(counted["overruns"], 0)
         self.assertIn("BACKGROUND TOPICS SHORTFALL", run["remarks"])

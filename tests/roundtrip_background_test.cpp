@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Neighbours, over topics inside this process.
+// Background topics, over topics inside this process.
 #include <condition_variable>
 #include <deque>
 #include <map>
@@ -101,7 +101,7 @@ const transport::Plugin plugin{
     transport::abi,
     "topics",
     [] { return std::string(); },
-    {.listener = true, .waitset = true, .max_payload_bytes = 500, .neighbours = true, .nodes = true},
+    {.listener = true, .waitset = true, .max_payload_bytes = 500, .background = true, .nodes = true},
     {},
     [](const Config& config, transport::Sink& sink) {
       return std::unique_ptr<Endpoint>(new Topics(config, sink));
@@ -111,12 +111,12 @@ struct Nothing final : transport::Sink {
   void arrived(std::uint64_t, std::span<std::byte>, std::int64_t) noexcept override {}
 };
 
-class NeighboursInside : public testing::Test {
+class BackgroundInside : public testing::Test {
  protected:
   static constexpr auto duration = 200ms;
   static constexpr std::uint32_t session = 0x123456;
 
-  NeighboursInside() {
+  BackgroundInside() {
     Topics::all.clear();
     Topics::closed.clear();
     Topics::refused.clear();
@@ -128,43 +128,43 @@ class NeighboursInside : public testing::Test {
     config.receive = transport::Receive::waitset;
     return config;
   }
-  std::unique_ptr<Neighbours> open(Role role, std::chrono::nanoseconds time = duration,
-                                   Endpoint* critical = nullptr) const {
-    return std::make_unique<Neighbours>(plugin, critical, config_of(role), options_, time);
+  std::unique_ptr<BackgroundTopics> open(Role role, std::chrono::nanoseconds time = duration,
+                                         Endpoint* critical = nullptr) const {
+    return std::make_unique<BackgroundTopics>(plugin, critical, config_of(role), options_, time);
   }
   static void await(const std::function<bool()>& true_now) {
     for (int tries = 0; tries < 10'000 && !true_now(); ++tries) std::this_thread::sleep_for(1ms);
     EXPECT_TRUE(true_now());
   }
-  static void go(Neighbours& one, Neighbours& other) {
+  static void go(BackgroundTopics& one, BackgroundTopics& other) {
     for (auto* end : {&one, &other}) end->start();
     for (auto* end : {&one, &other}) end->go();
   }
-  static std::uint64_t cycles(const Neighbours& one) {
+  static std::uint64_t cycles(const BackgroundTopics& one) {
     const auto counted = one.counters();
     return counted.sent + counted.refused + counted.skipped_cycles;
   }
 
-  NeighbourOptions options_{.topics = 3, .payload_bytes = 10, .period = 20ms, .session = session};
+  BackgroundOptions options_{.topics = 3, .payload_bytes = 10, .period = 20ms, .session = session};
 };
 
-TEST_F(NeighboursInside, PlacesOfNodesAreRefusedWhereATransportDeclaresNone) {
+TEST_F(BackgroundInside, PlacesOfNodesAreRefusedWhereATransportDeclaresNone) {
   auto without_nodes = plugin;
   without_nodes.capabilities.nodes = false;
   const auto open_in = [&](Where where) {
     options_.where = where;
-    const Neighbours neighbours(without_nodes, nullptr, config_of(Role::client), options_, duration);
+    const BackgroundTopics background(without_nodes, nullptr, config_of(Role::client), options_, duration);
   };
   EXPECT_THROW(open_in(Where::own_executor), transport::WrongInput);
   EXPECT_NO_THROW(open_in(Where::other_process));
 }
 
-TEST_F(NeighboursInside, AreOpenedAsBackgroundInAProcessOfTheirOwnToo) {
+TEST_F(BackgroundInside, AreOpenedAsBackgroundInAProcessOfTheirOwnToo) {
   const auto client = open(Role::client);
   EXPECT_TRUE(Topics::all_background);
 }
 
-TEST_F(NeighboursInside, AreCountedAtBothEnds) {
+TEST_F(BackgroundInside, AreCountedAtBothEnds) {
   Nothing sink;
   const auto critical = plugin.open(config_of(Role::client), sink);
   const auto client = open(Role::client, duration, critical.get());
@@ -179,9 +179,9 @@ TEST_F(NeighboursInside, AreCountedAtBothEnds) {
   EXPECT_EQ(client->counters().strays + client->counters().overruns, 0U);
 }
 
-TEST_F(NeighboursInside, IgnoreForeignSenderThatCameFirst) {
+TEST_F(BackgroundInside, IgnoreForeignSenderThatCameFirst) {
   const auto client = open(Role::client), server = open(Role::server);
-  auto& pong = Topics::all.at("/neighbour_1/pong");
+  auto& pong = Topics::all.at("/background_1/pong");
   for (const auto other : {session + 2, session + 3}) pong.send(message::sequence_of(other, 0));
   await([&] { return client->counters().strays == 2; });
   go(*client, *server);
@@ -190,14 +190,14 @@ TEST_F(NeighboursInside, IgnoreForeignSenderThatCameFirst) {
   EXPECT_EQ(client->counters().strays, 2U);
 }
 
-TEST_F(NeighboursInside, OverlongCallbacksAreReported) {
+TEST_F(BackgroundInside, OverlongCallbacksAreReported) {
   options_.callback = 2 * options_.period;
   const auto client = open(Role::client), server = open(Role::server);
   go(*client, *server);
   await([&] { return client->counters().overruns > 0; });
 }
 
-TEST_F(NeighboursInside, CanBeStoppedAndGivenUpAtAnyMoment) {
+TEST_F(BackgroundInside, CanBeStoppedAndGivenUpAtAnyMoment) {
   for (int round = 0; round < 20; ++round) {
     Topics::all.clear();
     const auto client = open(Role::client, 1h), server = open(Role::server, 1h);
@@ -208,16 +208,16 @@ TEST_F(NeighboursInside, CanBeStoppedAndGivenUpAtAnyMoment) {
   }
 }
 
-TEST_F(NeighboursInside, GoBeforeWhatTheyAreBeside) {
+TEST_F(BackgroundInside, GoBeforeWhatTheyAreBeside) {
   open(Role::client);
-  EXPECT_THAT(Topics::closed, ElementsAre("/neighbour_3/ping", "/neighbour_2/ping", "/neighbour_1/ping"));
+  EXPECT_THAT(Topics::closed, ElementsAre("/background_3/ping", "/background_2/ping", "/background_1/ping"));
   Topics::closed.clear();
-  Topics::refused = "/neighbour_3/ping";
+  Topics::refused = "/background_3/ping";
   EXPECT_THROW(open(Role::client), transport::Error);
-  EXPECT_THAT(Topics::closed, ElementsAre("/neighbour_2/ping", "/neighbour_1/ping"));
+  EXPECT_THAT(Topics::closed, ElementsAre("/background_2/ping", "/background_1/ping"));
 }
 
-TEST(NeighbourMessages, AreThoseThatAreDueInTime) {
+TEST(BackgroundMessages, AreThoseThatAreDueInTime) {
   const auto asked = [](int topics, std::chrono::nanoseconds period, std::chrono::nanoseconds duration) {
     return messages_asked({.topics = topics, .period = period}, duration);
   };

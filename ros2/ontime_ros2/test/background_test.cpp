@@ -76,14 +76,14 @@ constexpr Place places[] = {
     {"same_process", "single", Where::same_process, own_thread, false},
 };
 
-class NeighboursIn : public testing::TestWithParam<std::tuple<const char*, Place>> {
+class BackgroundIn : public testing::TestWithParam<std::tuple<const char*, Place>> {
  protected:
   Options options() const {
     return {{"rmw", std::get<0>(GetParam())}, {"executor", std::get<1>(GetParam()).executor}};
   }
 };
 
-TEST_P(NeighboursIn, DelayTheCriticalTopicIfTheyShareItsThread) {
+TEST_P(BackgroundIn, DelayTheCriticalTopicIfTheyShareItsThread) {
   const Place place = std::get<1>(GetParam());
   const two_ends::Child server(
       [&](int end, int) { two_ends::serve(config_of(Role::server, options()), end); });
@@ -93,12 +93,12 @@ TEST_P(NeighboursIn, DelayTheCriticalTopicIfTheyShareItsThread) {
               Answers answers;
               const auto critical = two_ends::plugin().open(config_of(Role::client, options()), answers);
               Held held;
-              auto neighbour = critical->beside(beside_config(Role::client, options()), held, place.where);
+              auto background = critical->beside(beside_config(Role::client, options()), held, place.where);
               require(two_ends::await_match(*critical), "no match; seen: " + critical->seen());
-              require(two_ends::await_match(*neighbour), "no match beside; seen: " + neighbour->seen());
+              require(two_ends::await_match(*background), "no match beside; seen: " + background->seen());
               exchange(*critical, answers);
               std::uint64_t sequence = 0;
-              for (int i = 0; i < 20 && !held.await(100ms); ++i) neighbour->send(++sequence, {});
+              for (int i = 0; i < 20 && !held.await(100ms); ++i) background->send(++sequence, {});
               require(held.await(0ms), "no answer beside");
               require(held.thread() == place.thread, "called by " + held.thread());
               bool answered = false;
@@ -109,13 +109,13 @@ TEST_P(NeighboursIn, DelayTheCriticalTopicIfTheyShareItsThread) {
               require(answered != place.holds_critical, answered ? "it was not held" : "it was held");
               held.let_go();
               exchange(*critical, answers);
-              neighbour.reset();
+              background.reset();
               exchange(*critical, answers);
             }),
             "");
 }
 
-INSTANTIATE_TEST_SUITE_P(Every, NeighboursIn,
+INSTANTIATE_TEST_SUITE_P(Every, BackgroundIn,
                          testing::Combine(testing::ValuesIn(rmws), testing::ValuesIn(places)),
                          [](const auto& each) {
                            return std::string(std::get<0>(each.param)) + "_" + std::get<1>(each.param).name;
@@ -127,7 +127,7 @@ std::string names_of(const std::vector<Thread>& threads) {
   return names;
 }
 
-TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
+TEST(BackgroundTopics, ShareTheNodeOfTheFirstOfThemAndItsThread) {
   for (const std::string rmw : rmws) {
     const Options options{{"rmw", rmw}};
     EXPECT_EQ(in_own_process([&] {
@@ -156,7 +156,7 @@ TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
   }
 }
 
-TEST(Neighbours, UseTheirOwnWaitsetWhereTheCriticalTopicDoes) {
+TEST(BackgroundTopics, UseTheirOwnWaitsetWhereTheCriticalTopicDoes) {
   for (const std::string rmw : rmws) {
     const Options options{{"rmw", rmw}, {"executor", "waitset"}};
     const two_ends::Child server(
@@ -165,11 +165,11 @@ TEST(Neighbours, UseTheirOwnWaitsetWhereTheCriticalTopicDoes) {
                 Answers answers, beside_answers;
                 const auto critical = two_ends::plugin().open(config_of(Role::client, options), answers);
                 for (const auto where : {Where::same_participant, Where::same_process}) {
-                  const auto neighbour =
+                  const auto background =
                       critical->beside(beside_config(Role::client, options), beside_answers, where);
-                  const Receiving receiving(*neighbour, Receive::waitset);
-                  require(two_ends::await_match(*neighbour), "no match; seen: " + neighbour->seen());
-                  exchange(*neighbour, beside_answers);
+                  const Receiving receiving(*background, Receive::waitset);
+                  require(two_ends::await_match(*background), "no match; seen: " + background->seen());
+                  exchange(*background, beside_answers);
                 }
               }),
               "")

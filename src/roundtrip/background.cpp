@@ -25,9 +25,9 @@ using transport::now_ns;
 constexpr int depth = 10;             // ROS 2's own choice
 constexpr std::uint32_t counted = 1;  // in a session: whether its messages are
 
-// Of the topic of that number: as the critical one's, and of the neighbour's size and reliability.
-Config config_of(Config config, const NeighbourOptions& options, int number) {
-  for (auto* topic : {&config.ping_topic, &config.pong_topic}) *topic = neighbour_topic(*topic, number);
+// Of the topic of that number: as the critical one's, and of the background topic's size and reliability.
+Config config_of(Config config, const BackgroundOptions& options, int number) {
+  for (auto* topic : {&config.ping_topic, &config.pong_topic}) *topic = background_topic(*topic, number);
   config.max_payload_bytes = options.payload_bytes;
   config.qos = {.reliability = options.reliability, .depth = depth};
   config.fifo_priority.clear();
@@ -40,9 +40,9 @@ void check(const transport::Plugin& plugin, Where where) {
   const auto refuse = [&](const std::string& why) {
     throw transport::WrongInput(std::string("transport ") + plugin.name + " has no " + why);
   };
-  if (!can.neighbours) refuse("background topics: it opens only the critical topic");
+  if (!can.background) refuse("background topics: it opens only the critical topic");
   if (!can.nodes && transport::is_of_nodes(where))
-    refuse(std::string("nodes, callback groups or executors (neighbours.where: ") + word_of(where) +
+    refuse(std::string("nodes, callback groups or executors (background.where: ") + word_of(where) +
            "); it has same-participant, same-process and other-process");
 }
 
@@ -62,22 +62,22 @@ const char* word_of(Where where) {
   return words.at(static_cast<std::size_t>(where));
 }
 
-std::string neighbour_topic(std::string critical, int number) {
-  return critical.insert(critical.rfind('/'), "/neighbour_" + std::to_string(number));
+std::string background_topic(std::string critical, int number) {
+  return critical.insert(critical.rfind('/'), "/background_" + std::to_string(number));
 }
 
-std::uint64_t messages_asked(const NeighbourOptions& options, std::chrono::nanoseconds duration) {
+std::uint64_t messages_asked(const BackgroundOptions& options, std::chrono::nanoseconds duration) {
   // A period is in whole ns: a hundredth of a cycle is what it may have been rounded up by in all.
   const auto due = (duration * options.topics + options.period / 100) / options.period;
   return static_cast<std::uint64_t>(std::max<std::int64_t>(due, 1));
 }
 
-class Neighbours::Group final : public transport::Sink {
-  friend class Neighbours;
+class BackgroundTopics::Group final : public transport::Sink {
+  friend class BackgroundTopics;
 
  public:
   Group(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
-        const NeighbourOptions& options, std::chrono::nanoseconds duration)
+        const BackgroundOptions& options, std::chrono::nanoseconds duration)
       : sends_(config.role == transport::Role::client ? options.there : options.back),
         topics_(options.topics),
         period_ns_(options.period.count()),
@@ -130,7 +130,7 @@ class Neighbours::Group final : public transport::Sink {
   void stop() {
     for (auto* alarm : {&stop_, &start_, &go_}) alarm->ring();
   }
-  NeighbourCounters counters() const {
+  BackgroundCounters counters() const {
     return {.sent = sent_,
             .refused = refused_,
             .skipped_cycles = skipped_,
@@ -221,16 +221,16 @@ class Neighbours::Group final : public transport::Sink {
   std::thread sender_;
 };
 
-Neighbours::Neighbours(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
-                       const NeighbourOptions& options, std::chrono::nanoseconds duration)
+BackgroundTopics::BackgroundTopics(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
+                                   const BackgroundOptions& options, std::chrono::nanoseconds duration)
     : group_(std::make_unique<Group>(plugin, critical, config, options, duration)) {}
-Neighbours::~Neighbours() = default;
-Endpoint& Neighbours::endpoint() { return *group_->endpoints_.front(); }
-std::vector<Thread> Neighbours::threads() { return group_->threads(); }
-bool Neighbours::matched() { return group_->matched(); }
-void Neighbours::start() { group_->start_.ring(); }
-void Neighbours::go() { group_->go_.ring(); }
-void Neighbours::stop() { group_->stop(); }
-NeighbourCounters Neighbours::counters() const { return group_->counters(); }
+BackgroundTopics::~BackgroundTopics() = default;
+Endpoint& BackgroundTopics::endpoint() { return *group_->endpoints_.front(); }
+std::vector<Thread> BackgroundTopics::threads() { return group_->threads(); }
+bool BackgroundTopics::matched() { return group_->matched(); }
+void BackgroundTopics::start() { group_->start_.ring(); }
+void BackgroundTopics::go() { group_->go_.ring(); }
+void BackgroundTopics::stop() { group_->stop(); }
+BackgroundCounters BackgroundTopics::counters() const { return group_->counters(); }
 
 }  // namespace ontime::roundtrip

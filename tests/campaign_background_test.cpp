@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Ordinary topics beside the critical one, and searches for how far they can be turned up.
-#include "campaign/neighbours.hpp"
+#include "campaign/background_topics.hpp"
 #include "campaign/search.hpp"
 #include "campaign_scenario.hpp"
 
@@ -14,43 +14,43 @@ using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::Not;
 
-class Neighbours : public ScenarioFile {
+class BackgroundTopics : public ScenarioFile {
  protected:
-  static std::string with(const std::string& neighbours, const std::string& transport = "cyclonedds",
+  static std::string with(const std::string& background, const std::string& transport = "cyclonedds",
                           const std::string& more = "") {
-    return "runs: [{id: a, transport: " + transport + more + ", neighbours: {" + neighbours + "}}]\n";
+    return "runs: [{id: a, transport: " + transport + more + ", background: {" + background + "}}]\n";
   }
 };
 
-TEST_F(Neighbours, OtherKeysWithoutTopicsAreRefused) {
-  EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].task.neighbours.topics, 0);
-  EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("set neighbours.topics"));
-  EXPECT_THAT(error(with("rate: 100 Hz")), HasSubstr("set neighbours.topics")) << "though it is usual";
-  EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, neighbours: 4}]\n"),
-              HasSubstr("neighbours: keys and values are needed here, such as neighbours: {topics: …}"));
+TEST_F(BackgroundTopics, OtherKeysWithoutTopicsAreRefused) {
+  EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].task.background.topics, 0);
+  EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("set background.topics"));
+  EXPECT_THAT(error(with("rate: 100 Hz")), HasSubstr("set background.topics")) << "though it is usual";
+  EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, background: 4}]\n"),
+              HasSubstr("background: keys and values are needed here, such as background: {topics: …}"));
 }
 
-TEST_F(Neighbours, AllKeysAreReadAndRecorded) {
+TEST_F(BackgroundTopics, AllKeysAreReadAndRecorded) {
   const auto run =
       read(with("topics: 3, where: other-process, rate: 250 Hz, payload: 2 KiB, reliability: reliable, "
                 "direction: to-controller, priority: 40, callback: 1.5 ms"))
           .runs[0];
-  const auto& neighbours = run.task.neighbours;
-  EXPECT_EQ(neighbours.topics, 3);
-  EXPECT_EQ(neighbours.where, roundtrip::Where::other_process);
-  EXPECT_EQ(neighbours.period, 4ms);
-  EXPECT_EQ(neighbours.payload_bytes, 2048U);
-  EXPECT_EQ(neighbours.reliability, transport::Reliability::reliable);
-  EXPECT_FALSE(neighbours.there);
-  EXPECT_TRUE(neighbours.back);
-  EXPECT_EQ(neighbours.priority, 40);
+  const auto& background = run.task.background;
+  EXPECT_EQ(background.topics, 3);
+  EXPECT_EQ(background.where, roundtrip::Where::other_process);
+  EXPECT_EQ(background.period, 4ms);
+  EXPECT_EQ(background.payload_bytes, 2048U);
+  EXPECT_EQ(background.reliability, transport::Reliability::reliable);
+  EXPECT_FALSE(background.there);
+  EXPECT_TRUE(background.back);
+  EXPECT_EQ(background.priority, 40);
   const auto record = asked(run, {}).at("neighbours");
   EXPECT_EQ(record.at("rate_hz"), 250);
   EXPECT_EQ(record.at("where"), "other-process");
   EXPECT_EQ(record.at("callback_us"), 1500);
 }
 
-TEST_F(Neighbours, InvalidValuesAreRefusedWithTheirPlace) {
+TEST_F(BackgroundTopics, InvalidValuesAreRefusedWithTheirPlace) {
   for (const auto& [wrong, why] : {std::pair("topics: 0", "from 1 to 100"),
                                    {"topics: 101", "from 1 to 100"},
                                    {"topics: 1, rate: 10", "has no unit"},
@@ -65,14 +65,14 @@ TEST_F(Neighbours, InvalidValuesAreRefusedWithTheirPlace) {
                                    {"topics: 1, callback: 0 ms", "must be positive"},
                                    {"topics: 1, callback: 2", "has no unit"},
                                    {"topics: 1, callback: 2 h", "at most 1 h"},
-                                   {"topics: 1, number: 2", "unknown key 'neighbours.number'"}})
+                                   {"topics: 1, number: 2", "unknown key 'background.number'"}})
     EXPECT_THAT(error(with(wrong)), AllOf(HasSubstr(":1:"), HasSubstr(why))) << wrong;
   EXPECT_THAT(error(with("topics: 10, rate: 20 kHz")), HasSubstr("100000 messages"));
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {restart: on}")),
               HasSubstr("component.restart"));
 }
 
-TEST_F(Neighbours, TransportWithoutTopicsIsRefusedByName) {
+TEST_F(BackgroundTopics, TransportWithoutTopicsIsRefusedByName) {
   EXPECT_THAT(error(with("topics: 1", "udp")),
               AllOf(HasSubstr("transport udp has no topics"), HasSubstr("traffic")));
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {transport: udp}")),
@@ -80,7 +80,7 @@ TEST_F(Neighbours, TransportWithoutTopicsIsRefusedByName) {
   EXPECT_THAT(error(with("topics: 1, where: other-process", "ethernet")), HasSubstr("transport ethernet"));
 }
 
-TEST_F(Neighbours, NodesAndExecutorsNeedRos2) {
+TEST_F(BackgroundTopics, NodesAndExecutorsNeedRos2) {
   for (const auto* where : {"same-callback-group", "same-node", "same-executor", "own-executor"}) {
     const auto inside = std::string("topics: 1, where: ") + where;
     EXPECT_EQ(error(with(inside, "ros2")), "no error");
@@ -91,17 +91,17 @@ TEST_F(Neighbours, NodesAndExecutorsNeedRos2) {
                 AllOf(HasSubstr(where), HasSubstr("receive: listener")));
   }
   EXPECT_EQ(error(with("topics: 1, where: same-process", "ros2", ", receive: waitset")), "no error");
-  EXPECT_THAT(error(with("where: same-node", "ros2")), HasSubstr("set neighbours.topics"));
-  EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("set neighbours.topics"));
+  EXPECT_THAT(error(with("where: same-node", "ros2")), HasSubstr("set background.topics"));
+  EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("set background.topics"));
 }
 
 // Only its plug-in knows, and the agent asks it: tests/agent_test.cpp.
-TEST_F(Neighbours, ForeignTransportIsNotRefused) {
+TEST_F(BackgroundTopics, ForeignTransportIsNotRefused) {
   EXPECT_EQ(error(with("topics: 1, where: same-node", "modest")), "no error");
 }
 
-TEST_F(Neighbours, TopicNamesAreValidInRos) {
-  EXPECT_EQ(roundtrip::neighbour_topic("/robot/arm/ping", 7), "/robot/arm/neighbour_7/ping");
+TEST_F(BackgroundTopics, TopicNamesAreValidInRos) {
+  EXPECT_EQ(roundtrip::background_topic("/robot/arm/ping", 7), "/robot/arm/background_7/ping");
   const std::string longest(240, 'x');
   EXPECT_EQ(error("runs: [{id: a, transport: cyclonedds, topics: {ping: " + longest + "}}]\n"), "no error");
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", topics: {ping: " + longest + "}")),
@@ -120,12 +120,12 @@ json outcome_of(json controller, json component) {
   return outcome;
 }
 
-TEST(NeighboursAccount, LostIsSentLessReceived) {
+TEST(BackgroundAccount, LostIsSentLessReceived) {
   const auto both = achieved({}, outcome_of(end_of(100, 48), end_of(50, 98)));
   EXPECT_EQ(both.at("to_component").at("lost"), 2);
   EXPECT_EQ(both.at("to_controller").at("lost"), 2);
   EXPECT_FALSE(both.at("to_component").at("short"));
-  EXPECT_TRUE(shortfalls_of_neighbours(both).empty());
+  EXPECT_TRUE(shortfalls_of_background(both).empty());
   const auto there = achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 100)));
   EXPECT_FALSE(there.contains("to_controller"));
 }
@@ -135,10 +135,10 @@ json there(const json& sender, const json& receiver) {
   return achieved({.back = false}, outcome_of(sender, receiver)).at("to_component");
 }
 std::vector<std::string> told(const json& sender, const json& receiver) {
-  return shortfalls_of_neighbours(achieved({.back = false}, outcome_of(sender, receiver)));
+  return shortfalls_of_background(achieved({.back = false}, outcome_of(sender, receiver)));
 }
 
-TEST(NeighboursAccount, SkippedCyclesAboveFivePercentAreAShortfall) {
+TEST(BackgroundAccount, SkippedCyclesAboveFivePercentAreAShortfall) {
   EXPECT_TRUE(there(end_of(94, 0, 6), end_of(0, 94)).at("short"));
   EXPECT_THAT(told(end_of(94, 0, 6), end_of(0, 94)),
               ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 not sent"),
@@ -146,7 +146,7 @@ TEST(NeighboursAccount, SkippedCyclesAboveFivePercentAreAShortfall) {
   EXPECT_FALSE(there(end_of(95, 0, 5), end_of(0, 95)).at("short"));
 }
 
-TEST(NeighboursAccount, LossAboveFivePercentIsAShortfall) {
+TEST(BackgroundAccount, LossAboveFivePercentIsAShortfall) {
   EXPECT_TRUE(there(end_of(100, 0), end_of(0, 94)).at("short"));
   EXPECT_THAT(told(end_of(100, 0), end_of(0, 94)),
               ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 lost"),
@@ -155,22 +155,22 @@ TEST(NeighboursAccount, LossAboveFivePercentIsAShortfall) {
   EXPECT_TRUE(there(end_of(97, 0, 3), end_of(0, 94)).at("short")) << "some of both";
 }
 
-TEST(NeighboursAccount, OverrunsAboveFivePercentAreAShortfall) {
+TEST(BackgroundAccount, OverrunsAboveFivePercentAreAShortfall) {
   EXPECT_TRUE(there(end_of(60, 0), end_of(0, 60, 0, 4)).at("short")) << "more than 5 % of 60";
   EXPECT_THAT(told(end_of(60, 0), end_of(0, 60, 0, 4)),
               ElementsAre(AllOf(HasSubstr("60 of 60"), HasSubstr("4 with a callback"))));
   EXPECT_FALSE(there(end_of(60, 0), end_of(0, 60, 0, 3)).at("short"));
 }
 
-TEST(NeighboursAccount, SenderThatNeverRanIsAShortfall) {
-  const roundtrip::NeighbourOptions asked{
+TEST(BackgroundAccount, SenderThatNeverRanIsAShortfall) {
+  const roundtrip::BackgroundOptions asked{
       .topics = 1, .period = std::chrono::milliseconds(10), .back = false};
   const auto none = outcome_of(end_of(0, 0), end_of(0, 0));
   EXPECT_TRUE(achieved(asked, none, std::chrono::seconds(1)).at("to_component").at("short"));
   EXPECT_FALSE(achieved(asked, none).at("to_component").at("short")) << "the run was stopped";
 }
 
-TEST(NeighboursAccount, IncompletePeriodRequestsNoMessage) {
+TEST(BackgroundAccount, IncompletePeriodRequestsNoMessage) {
   const auto is_short = [](auto period, auto duration, std::uint64_t sent) {
     return achieved({.topics = 1, .period = period, .back = false},
                     outcome_of(end_of(sent, 0), end_of(0, sent)), duration)
@@ -183,7 +183,7 @@ TEST(NeighboursAccount, IncompletePeriodRequestsNoMessage) {
   EXPECT_FALSE(is_short(2s, 5s, 2));
 }
 
-TEST(NeighboursInAProcessOfTheirOwn, OwnProcessHasNoRealtimeSettings) {
+TEST(BackgroundInAProcessOfTheirOwn, OwnProcessHasNoRealtimeSettings) {
   agent::Task task;
   task.realtime.on = task.count_instructions = true;
   const auto own = of_their_own(task);
@@ -216,26 +216,26 @@ TEST(Search, FindsLastPassAndFirstMiss) {
 }
 
 constexpr const char* searched =
-    "runs: [{id: a, transport: [cyclonedds, fastdds], search: neighbours.rate, neighbours: {topics: 1, rate: "
+    "runs: [{id: a, transport: [cyclonedds, fastdds], search: background.rate, background: {topics: 1, rate: "
     "[100 Hz, 200 Hz, 400 Hz], where: [same-participant, other-process]}}]\n";
 
-TEST_F(Neighbours, SearchStepsFollowEachOther) {
+TEST_F(BackgroundTopics, SearchStepsFollowEachOther) {
   const auto scenario = read(searched);
   ASSERT_EQ(scenario.runs.size(), 12U);
   for (std::size_t i = 0; i < scenario.runs.size(); ++i) {
     const auto& step = scenario.runs[i].step;
-    EXPECT_EQ(step.key, "neighbours.rate");
+    EXPECT_EQ(step.key, "background.rate");
     EXPECT_EQ(step.number, static_cast<int>(i % 3));
     EXPECT_EQ(step.of, 3);
-    EXPECT_THAT(step.among, testing::StartsWith("neighbours.where ")) << "not the rate";
+    EXPECT_THAT(step.among, testing::StartsWith("background.where ")) << "not the rate";
   }
   EXPECT_EQ(scenario.runs[1].step.value, "200 Hz");
-  EXPECT_THAT(scenario.runs[1].variant, HasSubstr("neighbours.rate 200 Hz"));
+  EXPECT_THAT(scenario.runs[1].variant, HasSubstr("background.rate 200 Hz"));
   EXPECT_EQ(scenario.runs[0].task.transport, scenario.runs[5].task.transport);
   EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].step.of, 0);
 }
 
-TEST_F(Neighbours, SearchNeedsOneKeyWithAList) {
+TEST_F(BackgroundTopics, SearchNeedsOneKeyWithAList) {
   const auto of = [this](const std::string& search) {
     return error("runs:\n  - {id: a, transport: [udp, fastdds], payload: [1 kB, 2 kB],\n     search: " +
                  search + "}\n");

@@ -37,7 +37,7 @@ std::vector<Case> cases() {
 
 constexpr auto duration = 200ms;
 // Larger than the critical one's messages, so that they have room of their own.
-NeighbourOptions options_of(const Case& value) {
+BackgroundOptions options_of(const Case& value) {
   return {.topics = 3,
           .where = value.where,
           .payload_bytes = 40'000,
@@ -51,50 +51,50 @@ transport::Config ends_config(const Case& value, Role role) {
   return config;
 }
 
-std::unique_ptr<Neighbours> open(const Case& value, Role role, transport::Endpoint* critical) {
-  return std::make_unique<Neighbours>(transport::load(value.transport), critical, ends_config(value, role),
-                                      options_of(value), duration);
+std::unique_ptr<BackgroundTopics> open(const Case& value, Role role, transport::Endpoint* critical) {
+  return std::make_unique<BackgroundTopics>(transport::load(value.transport), critical,
+                                            ends_config(value, role), options_of(value), duration);
 }
 
 // Sent, received, and passed over by the one sender in all.
-void check(Neighbours& neighbours) {
+void check(BackgroundTopics& background) {
   require(eventually([&] {
-            const auto counted = neighbours.counters();
+            const auto counted = background.counters();
             return counted.sent + counted.refused + counted.skipped_cycles >= 30;
           }),
           "every cycle of the three is counted");
   std::this_thread::sleep_for(duration);
-  const auto counted = neighbours.counters();
+  const auto counted = background.counters();
   require(counted.sent + counted.refused + counted.skipped_cycles == 30, "and none twice");
   require(counted.strays == 0, "no others came");
 }
 
-void run_neighbours(Neighbours& neighbours) {
-  require(eventually([&] { return neighbours.matched(); }), "they match");
-  neighbours.start();
+void run_background(BackgroundTopics& background) {
+  require(eventually([&] { return background.matched(); }), "they match");
+  background.start();
   std::this_thread::sleep_for(1s);  // the other end may match later, and what was sent before is not for it
-  neighbours.go();
+  background.go();
   std::this_thread::sleep_for(2 * duration);
-  require(eventually([&] { return neighbours.counters().received > 0; }), "the other end's came");
-  check(neighbours);
+  require(eventually([&] { return background.counters().received > 0; }), "the other end's came");
+  check(background);
 }
 
-class NeighboursOf : public testing::TestWithParam<Case> {
+class BackgroundOf : public testing::TestWithParam<Case> {
   void SetUp() override {
     if (!transport::test::have(GetParam().transport)) GTEST_SKIP() << GetParam().transport << " is not built";
   }
 };
-INSTANTIATE_TEST_SUITE_P(, NeighboursOf, testing::ValuesIn(cases()), name_of);
+INSTANTIATE_TEST_SUITE_P(, BackgroundOf, testing::ValuesIn(cases()), name_of);
 
-TEST_P(NeighboursOf, AreCountedBesideACriticalOneThatGoesOn) {
+TEST_P(BackgroundOf, AreCountedBesideACriticalOneThatGoesOn) {
   const auto& value = GetParam();
   const bool alone = value.where == Where::other_process;
   transport::test::Process serving([&](const auto&) {
     std::optional<Server> server;
     if (!alone) server.emplace(transport::load(value.transport), ends_config(value, Role::server));
-    auto neighbours = open(value, Role::server, server ? &server->endpoint() : nullptr);
-    run_neighbours(*neighbours);
-    neighbours.reset();
+    auto background = open(value, Role::server, server ? &server->endpoint() : nullptr);
+    run_background(*background);
+    background.reset();
     if (!server) return;
     const auto answered = server->answered();
     require(answered > 0, "the critical one answered");
@@ -108,15 +108,15 @@ TEST_P(NeighboursOf, AreCountedBesideACriticalOneThatGoesOn) {
       options.duration = 60s;
       client.emplace(transport::load(value.transport), ends_config(value, Role::client), options);
     }
-    auto neighbours = open(value, Role::client, client ? &client->endpoint() : nullptr);
+    auto background = open(value, Role::client, client ? &client->endpoint() : nullptr);
     if (client) {
       require(eventually([&] { return client->endpoint().matched().both(); }), "the critical one matches");
       client->start();
       require(eventually([&] { return client->state() == Client::State::ready; }), "it warms up");
       client->go();
     }
-    run_neighbours(*neighbours);
-    neighbours.reset();
+    run_background(*background);
+    background.reset();
     if (client) {
       const auto sent = client->counters().sent;
       require(eventually([&] { return client->counters().sent > sent; }), "it goes on without them");
@@ -127,41 +127,41 @@ TEST_P(NeighboursOf, AreCountedBesideACriticalOneThatGoesOn) {
   EXPECT_EQ(asking.finish(), "");
 }
 
-TEST_P(NeighboursOf, WithACallbackOverrunTheirPeriodAndTellSo) {
+TEST_P(BackgroundOf, WithACallbackOverrunTheirPeriodAndTellSo) {
   const auto& value = GetParam();
   const auto open_and_go = [&](Role role) {
     auto options = options_of(value);
     options.where = Where::other_process;
     options.callback = 2 * options.period;
-    auto neighbours = std::make_unique<Neighbours>(transport::load(value.transport), nullptr,
-                                                   ends_config(value, role), options, 60s);
-    require(eventually([&] { return neighbours->matched(); }), "they match");
-    neighbours->start();
-    neighbours->go();
-    return neighbours;
+    auto background = std::make_unique<BackgroundTopics>(transport::load(value.transport), nullptr,
+                                                         ends_config(value, role), options, 60s);
+    require(eventually([&] { return background->matched(); }), "they match");
+    background->start();
+    background->go();
+    return background;
   };
   transport::test::Process other([&](const auto& await_end) {
-    const auto neighbours = open_and_go(Role::server);
+    const auto background = open_and_go(Role::server);
     await_end();
   });
   EXPECT_EQ(transport::test::in_own_process([&] {
-              const auto neighbours = open_and_go(Role::client);
-              require(eventually([&] { return neighbours->counters().overruns > 0; }), "a callback overruns");
-              const auto counted = neighbours->counters();
+              const auto background = open_and_go(Role::client);
+              require(eventually([&] { return background->counters().overruns > 0; }), "a callback overruns");
+              const auto counted = background->counters();
               require(counted.overruns <= counted.received, "each is counted once");
             }),
             "");
   EXPECT_EQ(other.finish(), "");
 }
 
-TEST(Neighbours, OfATransportThatHasNoneAreRefusedByName) {
+TEST(BackgroundTopics, OfATransportThatHasNoneAreRefusedByName) {
   transport::test::Process serving([](const auto&) {
     auto config = config_of(Role::server);
     config.max_payload_bytes = 500;
     Server server(transport::load("udp"), config);
     try {
-      const Neighbours neighbours(transport::load("udp"), &server.endpoint(), config, {.topics = 1},
-                                  duration);
+      const BackgroundTopics background(transport::load("udp"), &server.endpoint(), config, {.topics = 1},
+                                        duration);
       require(false, "it is refused");
     } catch (const transport::WrongInput& wrong) {
       require(std::string(wrong.what()).find("transport udp has no background topics") == 0, wrong.what());

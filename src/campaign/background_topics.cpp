@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "campaign/neighbours.hpp"
+#include "campaign/background_topics.hpp"
 
 #include <algorithm>
 
@@ -52,7 +52,7 @@ agent::Task of_their_own(agent::Task task) {
   return task;
 }
 
-json achieved(const roundtrip::NeighbourOptions& options, const json& outcome,
+json achieved(const roundtrip::BackgroundOptions& options, const json& outcome,
               std::optional<std::chrono::nanoseconds> duration) {
   const auto& controller = outcome.at("hosts").at("controller").at("neighbours");
   const auto& component = outcome.at("hosts").at("component").at("neighbours");
@@ -63,7 +63,7 @@ json achieved(const roundtrip::NeighbourOptions& options, const json& outcome,
   return all;
 }
 
-std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
+std::vector<std::string> shortfalls_of_background(const json& achieved) {
   std::vector<std::string> texts;
   for (const auto& [way, counted] : achieved.items()) {
     if (!counted.at("short")) continue;
