@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What a sensor found out of messages, in words and as JSON (docs/reference/json-commands.md). Pure.
+// What a sensor found out of messages, in words and as JSON (docs/reference/json-listen.md). Pure.
 #pragma once
 
 #include <string>
