@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Chains of topics on the command line, in words, as JSON (docs/reference/json-commands.md) and as runs.
+// Chains of topics on the command line, in words, as JSON (docs/reference/json-listen.md) and as runs.
 // Pure.
 #pragma once
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The findings of a sensor as text and as JSON (docs/reference/json-commands.md). Pure.
+// The findings of a sensor as text and as JSON (docs/reference/json-listen.md). Pure.
 #pragma once
 
 #include <string>

@@ -55,7 +55,7 @@ class Docs(unittest.TestCase):
         return done
 
     def test_a_pipeline_from_nothing(self):
-        (self.folder / "ci.yaml").write_text(blocks("docs/how-to/ci.md", "yaml", "A scenario that says what must be so")[0])
+        (self.folder / "ci.yaml").write_text(blocks("docs/how-to/ci.md", "yaml")[0])
         github = yaml.safe_load(blocks("docs/how-to/ci.md", "yaml", "GitHub")[0])
         gitlab = yaml.safe_load(blocks("docs/how-to/ci.md", "yaml", "GitLab")[0])
         self.assertIn(True, github, "'on', as YAML 1.1 reads it")
