@@ -107,11 +107,11 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
 
-std::string dated_line_of(const listen::Miss& miss) {
+std::string dated_line_of(const listen::Miss& miss, std::chrono::nanoseconds limit) {
   const std::chrono::sys_seconds at(
       std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(miss.at_ns)));
   return fmt::format("{:%F %T}  {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                     listen::line_of(miss));
+                     listen::line_of(miss, limit));
 }
 
 std::string text_of(const listen::Miss& miss) {

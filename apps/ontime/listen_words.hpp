@@ -2,6 +2,7 @@
 // The findings of a sensor as text and as JSON (docs/reference/json-commands.md). Pure.
 #pragma once
 
+#include <chrono>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -19,7 +20,8 @@ std::string silence_of(const listen::Flow&);                      // "for the la
 bool is_age_known(const listen::Flow&);
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&);
-std::string dated_line_of(const listen::Miss&);  // line_of() with the date, to be read weeks later
+// line_of() with the date, to be read weeks later.
+std::string dated_line_of(const listen::Miss&, std::chrono::nanoseconds limit);
 nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);
