@@ -696,5 +696,11 @@ TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
   EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10' 10, '× 100' 100"));
 }
 
+TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
+  const Summaries from{measured("before", 400'000)}, to{measured("after", 200'000'000'000'000'000)};
+  const auto commands = gnuplot_of(compare_chosen(from, to), {});
+  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10000' 10000, '× 1e+08' 1e+08)"));
+}
+
 }  // namespace
 }  // namespace ontime::report
