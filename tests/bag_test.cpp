@@ -69,6 +69,16 @@ TEST_F(Bags, FileCutAtAnyByteIsJudgedUpToThere) {
   }
 }
 
+TEST_F(Bags, CutBetweenTwoRecordsIsNotWithinOne) {
+  for (const auto& last : {message(1, {start}), chunk(message(1, {start}))}) {
+    const auto whole = mcap_begin() + channel(1, 0, "/a") + last;
+    EXPECT_THAT(judged_mcap(whole).remarks, ElementsAre(Not(HasSubstr("within a record"))));
+    EXPECT_THAT(judged_mcap(whole + '\5').remarks, ElementsAre(HasSubstr("within a record")));
+    EXPECT_THAT(judged_mcap(whole.substr(0, whole.size() - 1)).remarks,
+                ElementsAre(HasSubstr("within a record")));
+  }
+}
+
 TEST_F(Bags, AnyWrongByteIsRefusedOrRead) {
   for (const auto* how : {"", "lz4", "zstd"}) {
     const auto whole = mcap(chunk(schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a") +
@@ -198,7 +208,8 @@ TEST_F(Bags, OtherFilesAreRefusedWithTheFix) {
   EXPECT_THAT(error_of(write("a.ontime", std::string("SQLite format 3\0", 16) + std::string(52, '.') +
                                              "ontm" + std::string(28, '.'))),
               HasSubstr("ontime report"));
-  EXPECT_THAT(error_of(write("empty", "")), HasSubstr("not a bag"));
+  EXPECT_THAT(error_of(write("nothing", "")), HasSubstr("empty"));
+  EXPECT_THAT(error_of(write("text", "x")), HasSubstr("--from"));
   EXPECT_THAT(error_of((folder_ / "missing").string()), HasSubstr("missing"));
   fs::create_directory(folder_ / "folder");
   EXPECT_THAT(error_of((folder_ / "folder").string()), HasSubstr("not a bag"));

@@ -269,7 +269,9 @@ TEST_F(LateMessage, MissIsExplainedAgainFromItsFileAndAWiderWindow) {
   EXPECT_EQ(again->why->sentence, at_once.sentence);
   EXPECT_EQ(again->why->culprit, (Party{30, "recorder"}));
   EXPECT_EQ(again->at_ns, miss.at_ns);
-  EXPECT_THAT(line_of(*again), testing::StartsWith("21.1 ms late: base [2]"));
+  EXPECT_THAT(line_of(*again, std::chrono::milliseconds(5)),
+              testing::StartsWith("21.1 ms old (limit 5 ms): base [2]"))
+      << "it is 16 ms late";
 
   window.whole = false;
   EXPECT_FALSE(explained_again(nlohmann::json::parse(text), window)) << "what was said at once stands";
@@ -282,6 +284,13 @@ TEST_F(LateMessage, MissIsExplainedAgainFromItsFileAndAWiderWindow) {
       EXPECT_FALSE(explained_again(foreign, window)) << name << " " << value;
     }
   EXPECT_FALSE(explained_again(nullptr, window));
+}
+
+TEST_F(LateMessage, GapIsNamedByItsLengthAndNotAsLateness) {
+  auto miss = after_gap(published + 21 * ms, published + 21 * ms + 50 * us);
+  miss.why.emplace().sentence = "unknown";
+  EXPECT_THAT(line_of(miss, std::chrono::microseconds(15'500)),
+              HasSubstr("previous message (limit 15.5 ms)"));
 }
 
 TEST_F(LateMessage, LongSilenceIsLookedAtInItsLastSecond) {

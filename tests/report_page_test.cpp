@@ -604,6 +604,19 @@ TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   EXPECT_THAT(commands, Not(HasSubstr("set label 'p99"))) << "too few messages: it is not drawn";
 }
 
+TEST(Gnuplot, ConditionsDrawsNoBarWhereARunHasNoInterval) {
+  auto run = plotted("a", "udp");
+  const auto of_run = [&] { return gnuplot_of({run}, {Plot::Figure::conditions, Plot::Form::svg, false}); };
+  EXPECT_THAT(of_run(), HasSubstr("$points0 << END\n"));
+  EXPECT_THAT(of_run(), Not(HasSubstr("$bars"))) << "a bar to the edge would claim a lower limit";
+  auto& sure = run.round_trip_certainty[statistics::Figure::p50].sure;
+  sure.low = 90'000;
+  EXPECT_THAT(of_run(), HasSubstr("$bars0 << END\n0.09 ")) << "no upper limit: to the edge at 16 ms";
+  EXPECT_THAT(of_run(), HasSubstr("\n16 "));
+  sure.high = 7'000'000;
+  EXPECT_THAT(of_run(), HasSubstr("\n7 "));
+}
+
 // Round trips from that on, spread over 100 µs.
 Summary measured(const json& asked, std::int64_t base_ns) {
   std::mt19937_64 random(static_cast<std::uint64_t>(base_ns));
@@ -681,6 +694,12 @@ TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
   EXPECT_NEAR(std::stod(p50[0]), 400'050.0 / 450, 20);
   EXPECT_GT(std::stod(edge[0]), std::stod(p50[0]));
   EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10' 10, '× 100' 100"));
+}
+
+TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
+  const Summaries from{measured("before", 400'000)}, to{measured("after", 200'000'000'000'000'000)};
+  const auto commands = gnuplot_of(compare_chosen(from, to), {});
+  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10000' 10000, '× 1e+08' 1e+08)"));
 }
 
 }  // namespace

@@ -415,5 +415,15 @@ TEST(OwnMessages, OnTimeMessagesNeedNoCause) {
   }
 }
 
+TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 8;
+  one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 8 late messages; cause not seen: 3\n"));
+  one.account.late = 5;
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
+}
+
 }  // namespace
 }  // namespace ontime::report

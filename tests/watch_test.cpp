@@ -232,6 +232,35 @@ TEST_F(Forms, TextHasNoTerminalEscapes) {
   EXPECT_THAT(text_of({}), HasSubstr("no run yet"));
 }
 
+TEST_F(Forms, CompleteRunShowsItsWholeDuration) {
+  auto one = progress();
+  one.state = State::ended;
+  one.elapsed_s = 58.99;
+  one.run.outcome = json{{"interrupted", false}};
+  EXPECT_THAT(text_of(one), HasSubstr("1:00 of 1:00  (ended)"));
+  one.state = State::waiting;
+  EXPECT_THAT(text_of(one), HasSubstr("1:00 of 1:00  (ended; the next"));
+}
+
+TEST_F(Forms, RunThatDidNotReachItsEndSaysWhy) {
+  auto one = progress();
+  one.state = State::ended;
+  for (const auto& [outcome, word] : {std::pair{json{{"interrupted", true}}, "(interrupted)"},
+                                      {json{{"error", "no answer"}}, "(failed)"}}) {
+    one.run.outcome = outcome;
+    EXPECT_THAT(text_of(one), HasSubstr(std::string("0:12 of 1:00  ") + word));
+  }
+}
+
+TEST_F(Forms, WorstOfOwnMessagesIsNamedByItsQuantity) {
+  auto one = progress();
+  auto request = asked();
+  request["measures"] = "period";
+  one.run.asked = request;
+  EXPECT_THAT(text_of(one), HasSubstr("worst: period 12 ms at 11.50 s, message 2"));
+  EXPECT_THAT(text_of(one), Not(HasSubstr("round trip")));
+}
+
 TEST_F(Forms, JsonIsOneLine) {
   const auto line = json_of(progress());
   EXPECT_EQ(line.find('\n'), line.size() - 1);

@@ -253,8 +253,8 @@ class Listening {
         output_.write(text_of(miss));
     }
     if (misses.size() > shown.size())
-      output_.write(
-          fmt::format("… and {} more late messages at the same time\n", misses.size() - shown.size()));
+      output_.write(fmt::format("… and {} more late messages until {}\n", misses.size() - shown.size(),
+                                clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
     output_.flush();
   }
 

@@ -10,6 +10,7 @@
 #include "campaign/campaign.hpp"
 #include "listen_words.hpp"
 #include "output.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 namespace {

@@ -191,11 +191,15 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
 
 void ListenResults::note(const listen::Miss& miss) {
   if (!failure_.empty()) return;
+  const bool is_age = miss.kind == listen::Miss::Kind::age;
   std::optional<record::Note> cause;
-  if (miss.why && miss.why->is_seen)
-    cause = record::Note{record::cause_of_late, keeps_worst_ ? dated_line_of(miss) : listen::line_of(miss),
+  if (miss.why && miss.why->is_seen) {
+    const auto limit = (is_age ? limits_.age : limits_.longest_gap()).value_or(0ns);
+    cause = record::Note{record::cause_of_late,
+                         keeps_worst_ ? dated_line_of(miss, limit) : listen::line_of(miss, limit),
                          miss.course.taken_ns, std::nullopt};
-  const auto quantity = miss.kind == listen::Miss::Kind::age ? Row::Quantity::age : Row::Quantity::period;
+  }
+  const auto quantity = is_age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
   if (!keeps_worst_) {
     if (cause && kept.notes.size() < most_notes) kept.notes.push_back(*cause);

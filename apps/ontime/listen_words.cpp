@@ -72,6 +72,13 @@ std::string in_ms(std::int64_t ns) {
   return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
 }
 
+std::string clock_of(std::int64_t at_ns) {
+  const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
+      std::chrono::system_clock::time_point(std::chrono::nanoseconds(at_ns)));
+  return fmt::format("{:%T}.{:03}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
+                     at.time_since_epoch().count() % 1000);
+}
+
 std::string words_of(const listen::Party& party, const char* unknown) {
   if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
   return party.name.empty() ? unknown : table::printable(party.name);
@@ -107,21 +114,17 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
 
-std::string dated_line_of(const listen::Miss& miss) {
+std::string dated_line_of(const listen::Miss& miss, std::chrono::nanoseconds limit) {
   const std::chrono::sys_seconds at(
       std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(miss.at_ns)));
   return fmt::format("{:%F %T}  {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                     listen::line_of(miss));
+                     listen::line_of(miss, limit));
 }
 
 std::string text_of(const listen::Miss& miss) {
-  const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
-      std::chrono::system_clock::time_point(std::chrono::nanoseconds(miss.at_ns)));
-  auto text =
-      fmt::format("{:%T}.{:03}  {}  {}: {} ms {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                  at.time_since_epoch().count() % 1000, topic_of(miss.topic),
-                  words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
-                  miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
+  auto text = fmt::format("{}  {}  {}: {} ms {}", clock_of(miss.at_ns), topic_of(miss.topic),
+                          words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
+                          miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
   if (miss.why) text += fmt::format(": {}", table::printable(miss.why->sentence));
   if (miss.why && !miss.why->fix.empty())
     text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));

@@ -2,6 +2,7 @@
 // The findings of a sensor as text and as JSON (docs/reference/json-listen.md). Pure.
 #pragma once
 
+#include <chrono>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -13,13 +14,15 @@ namespace ontime::app {
 // "cost     ontime 0.6 % of one CPU …", in lines of 80 columns.
 std::string labelled(const std::string& label, const std::string& text);
 std::string in_ms(std::int64_t ns);                               // "0.123", "12.34", "123.4"
+std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
 std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&);
-std::string dated_line_of(const listen::Miss&);  // line_of() with the date, to be read weeks later
+// line_of() with the date, to be read weeks later.
+std::string dated_line_of(const listen::Miss&, std::chrono::nanoseconds limit);
 nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);

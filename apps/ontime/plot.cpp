@@ -103,6 +103,13 @@ int plot(PlotArguments arguments) {
         return summary.run.asked.task.background.topics > 0;
       }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `background`)");
+  const auto payload_of = [](const auto& summary) { return summary.run.asked.task.client.payload_bytes; };
+  if (const auto payload = payload_of(summaries.front());
+      plot.figure == Plot::Figure::payload &&
+      std::ranges::all_of(summaries, [&](const auto& summary) { return payload_of(summary) == payload; }))
+    throw Error(2, fmt::format("--figure payload compares payloads, but all runs have {} bytes. Fix: measure "
+                               "with several payloads (key `payload`)",
+                               payload));
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
   for (const auto* run : plot::left_out(summaries, plot))

@@ -35,7 +35,9 @@ std::string beginning_of(const std::string& path, std::size_t most) {
 
 [[noreturn]] void fail_form(const std::string& path, std::string_view begin) {
   const auto* what = "not a bag: neither rosbag2 SQLite nor MCAP. For output of cyclictest: --from";
-  if (begin.starts_with(sqlite_magic))
+  if (begin.empty())
+    what = "the file is empty";
+  else if (begin.starts_with(sqlite_magic))
     what = "a results file of ontime, not a bag. Fix: ontime report FILE";
   else if (begin.starts_with("\x28\xb5\x2f\xfd"sv))
     what = "the whole file is compressed. Fix: zstd -d FILE, then name the decompressed file";

@@ -138,7 +138,8 @@ class Mcap final : public Reader {
       fail(error.empty() ? "a record with a length that does not match its content"
                          : fmt::format("data that cannot be decompressed: {}", error));
     }
-    cut_ = fmt::format("ends at byte {}, within a record", file_.offset());
+    cut_ = fmt::format("ends at byte {}, {}", file_.offset(),
+                       file_.offset() == record_at_ ? "without an end mark" : "within a record");
     has_ended_ = true;
   }
 

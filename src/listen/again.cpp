@@ -93,8 +93,10 @@ std::optional<Miss> explained_again(const json& way, const trace::Window& window
   return {};
 }
 
-std::string line_of(const Miss& miss) {
-  return fmt::format("{:.1f} ms late: {}{}", static_cast<double>(miss.value_ns) / 1e6, miss.why->sentence,
+std::string line_of(const Miss& miss, std::chrono::nanoseconds limit) {
+  return fmt::format("{:.1f} ms {} (limit {:g} ms): {}{}", static_cast<double>(miss.value_ns) / 1e6,
+                     miss.kind == Miss::Kind::age ? "old" : "after the previous message",
+                     static_cast<double>(limit.count()) / 1e6, miss.why->sentence,
                      miss.why->fix.empty() ? "" : "; fix: " + miss.why->fix);
 }
 

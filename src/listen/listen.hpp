@@ -194,8 +194,8 @@ nlohmann::json way_of(const Miss&);
 // Rebuilds the miss and its cause from both. Empty: the window lacks a part of the miss's time, or the JSON
 // is invalid.
 std::optional<Miss> explained_again(const nlohmann::json& way, const trace::Window&);
-// One line, "26.1 ms late: …". The miss must have a `why`.
-std::string line_of(const Miss&);
+// One line, "26.1 ms old (limit 5 ms): …". The miss must have a `why`.
+std::string line_of(const Miss&, std::chrono::nanoseconds limit);
 
 // One quantity of one message, as a results file keeps it.
 struct Row {

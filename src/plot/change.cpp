@@ -99,7 +99,8 @@ std::string ratio_tics(const Ratios& range) {
                             wide = {0.1, 0.2, 0.5, 1, 2, 5, 10};
   std::vector<double> widest;
   const auto span = range.greatest / range.least;
-  const int every = 1 + static_cast<int>(std::log10(span) / 4);  // so that their names have room
+  // So that each name has room: "× 1e+15" takes 1.1 cm, and an axis of one column has 3.9 cm.
+  const int every = 1 + static_cast<int>(std::log10(span) / 3.2);
   for (int power = -20 * every; power <= 20 * every; power += every) widest.push_back(std::pow(10, power));
   std::vector<std::string> tics;
   for (const auto ratio : span < 3 ? close : span < 30 ? wide : widest)

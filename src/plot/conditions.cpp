@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // One row for each condition: p50, p99, p99.9 and max, and between what they lie: repetitions from the lowest
-// to the highest, a single run's 95 % confidence interval.
+// to the highest, a single run's 95 % confidence interval. A run that supports no interval has no bar.
 #include <algorithm>
 #include <array>
 
@@ -26,28 +26,37 @@ constexpr std::array metrics = {
     Drawn{Figure::max, "pointtype 2 pointsize 0.45 linewidth 1 linecolor rgb '#000000'"}};
 constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#b0000000"};
 
+struct Bar {
+  double from_ms, to_ms;
+};
+std::optional<Bar> bar_of(const std::vector<double>& values_ms, const Summary& last, const Drawn& metric,
+                          const Range& range) {
+  if (values_ms.size() > 1) {
+    const auto [low, high] = std::ranges::minmax(values_ms);
+    return Bar{low, high};
+  }
+  if (!metric.has_interval()) return {};
+  const auto& sure = last.round_trip_certainty[metric.figure].sure;
+  if (!sure.low) return {};
+  return Bar{range.at(*sure.low), sure.high ? range.at(*sure.high) : range.greatest_ms};
+}
+
 struct Found {
-  double median_ms, low_ms, high_ms;
+  double median_ms;
+  std::optional<Bar> bar;
 };
 // Only runs with enough answers for this metric, as in the tables.
 std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Range& range) {
-  std::vector<double> values;
+  std::vector<double> values_ms;
   const Summary* last = nullptr;
   const auto fewest = std::max<std::uint64_t>(statistics::metric_of(metric.figure).one_in, 1);
   for (const auto* run : runs)
     if (run->round_trip.count >= fewest) {
-      values.push_back(range.at(run->round_trip[metric.figure]));
+      values_ms.push_back(range.at(run->round_trip[metric.figure]));
       last = run;
     }
-  if (values.empty()) return {};
-  const auto [low, high] = std::ranges::minmax_element(values);
-  Found found{statistics::estimate(values)->median, *low, *high};
-  if (values.size() == 1 && metric.has_interval()) {
-    const auto& sure = last->round_trip_certainty[metric.figure].sure;
-    if (sure.low) found.low_ms = range.at(*sure.low);
-    found.high_ms = sure.high ? range.at(*sure.high) : range.greatest_ms;
-  }
-  return found;
+  if (values_ms.empty()) return {};
+  return Found{statistics::estimate(values_ms)->median, bar_of(values_ms, *last, metric, range)};
 }
 
 std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {
@@ -55,10 +64,13 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
       std::ranges::count_if(conditions, [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
-    if (std::ranges::none_of(conditions,
-                             [&](const auto& one) { return found_in(one.runs, metrics[i], {}).has_value(); }))
-      continue;
-    const bool has_bar = repeated > 0 || metrics[i].has_interval();
+    bool is_drawn = false, has_bar = false;
+    for (const auto& condition : conditions)
+      if (const auto found = found_in(condition.runs, metrics[i], {})) {
+        is_drawn = true;
+        has_bar = has_bar || found->bar;
+      }
+    if (!is_drawn) continue;
     entries.push_back({statistics::metric_of(metrics[i].figure).name,
                        has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
                        metrics[i].point});
@@ -67,8 +79,9 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
     entries.push_back({deadline_text(deadlines), deadline_style});
   if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median"});
   if (repeated < conditions.size())
-    entries.push_back({repeated > 0 ? "of a single run: 95 % confidence interval"
-                                    : "bar: 95 % confidence interval; to the edge: no upper limit"});
+    entries.push_back(
+        {fmt::format("{}: 95 % confidence interval; to the edge: no upper limit; no bar: no interval",
+                     repeated > 0 ? "of a single run" : "bar")});
   return entries;
 }
 
@@ -83,7 +96,7 @@ struct Lines {
     for (std::size_t m = 0; m < metrics.size(); ++m)
       if (const auto found = found_in(runs, metrics[m], range)) {
         points[m] += fmt::format("{:.6g} {:.4f}\n", found->median_ms, middle);
-        bars[m] += horizontal(found->low_ms, found->high_ms, middle);
+        if (found->bar) bars[m] += horizontal(found->bar->from_ms, found->bar->to_ms, middle);
       }
     double least = 1e12, greatest = 0;
     for (const auto* run : runs)

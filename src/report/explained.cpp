@@ -61,10 +61,11 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` finds causes only as root, without --no-explain, while no "
                                       "other ontime traces");
   }
-  const auto which = one.run.asked.keeps_worst()
-                         ? fmt::format("the worst {} of {}", causes.size(), one.account.late)
-                         : std::to_string(causes.size());
-  auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), which);
+  const auto late = one.account.late, without = late - std::min<std::uint64_t>(causes.size(), late);
+  const bool keeps_worst = one.run.asked.keeps_worst();
+  auto text = fmt::format("{0}{1}: causes of {2}{3} of {4} late messages{5}{0}\n", marks.heading,
+                          name_of(one), keeps_worst ? "the worst " : "", causes.size(), late,
+                          without > 0 && !keeps_worst ? fmt::format("; cause not seen: {}", without) : "");
   for (std::size_t i = 0; i < std::min(most_told, causes.size()); ++i)
     text += fmt::format("{}{}\n", marks.item, printable(causes[i].text));
   if (causes.size() > most_told)

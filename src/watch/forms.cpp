@@ -36,8 +36,16 @@ std::optional<double> left_s(const Progress& progress) {
   return std::max(*progress.duration_s - progress.elapsed_s, 0.0);
 }
 
+const char* end_of(const record::Outcome& outcome) {
+  return !outcome.has_ended()  ? "cut off: no process writes into the file"
+         : outcome.interrupted ? "interrupted"
+         : outcome.error       ? "failed"
+                               : "ended";
+}
+
 std::string head_of(const Progress& progress) {
   if (progress.run.number == 0) return "no run yet\n";
+  const auto& outcome = progress.run.outcome;
   const auto& asked = progress.run.asked;
   auto text = fmt::format("run {}  {}", progress.run.number,
                           table::shortened(table::printable(asked.id), gate::longest_id));
@@ -45,18 +53,19 @@ std::string head_of(const Progress& progress) {
     if (!part.empty()) text += " " + table::printable(part);
   if (asked.repetition > 1) text += fmt::format(" ×{}", asked.repetition);
   if (!progress.samples_wait) {
-    text += fmt::format("  {}", clock(progress.elapsed_s));
+    // The last message of a complete run was due a period before the run's end.
+    const bool is_complete = outcome.has_ended() && !outcome.interrupted && !outcome.error;
+    text += "  " + clock(is_complete ? progress.duration_s.value_or(progress.elapsed_s) : progress.elapsed_s);
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
   } else {
     text += "  (measuring; samples come at the end, because ssh may use the link under test)";
   }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
-  const bool cut_off = progress.state == Progress::State::ended && !progress.run.outcome.has_ended();
   if (progress.state == Progress::State::waiting)
-    text += progress.run.outcome.has_ended() ? "  (ended; the next run has not started)"
-                                             : "  (not measuring yet)";
+    text += outcome.has_ended() ? fmt::format("  ({}; the next run has not started)", end_of(outcome))
+                                : "  (not measuring yet)";
   else if (progress.state == Progress::State::ended)
-    text += cut_off ? "  (cut off: no process writes into the file)" : "  (ended)";
+    text += fmt::format("  ({})", end_of(outcome));
   return text + "\n";
 }
 
@@ -114,13 +123,17 @@ std::string text_of(const Progress& progress) {
   const auto& times = progress.round_trip;
   if (times.count() == 0) return text;
   const auto& asked = progress.run.asked;
-  text += fmt::format("{}: min {}  mean {}  max {}   (bars: logarithmic)\n",
-                      asked.is_listened() ? table::printable(asked.measures) : "round trip",
+  const auto measures = asked.is_listened() ? table::printable(asked.measures) : "round trip";
+  text += fmt::format("{}: min {}  mean {}  max {}   (bars: logarithmic)\n", measures,
                       time_of(times.min_ns()), gate::time_of(mean_ns(times)), time_of(times.max_ns()));
   text += histogram_of(times);
   for (const auto& worst : progress.worst)
-    text += fmt::format("worst: response {} (round trip {}) at {:.2f} s, message {}\n",
-                        time_of(worst.response_ns), time_of(worst.round_trip_ns), worst.at_s, worst.message);
+    text += fmt::format("worst: {} at {:.2f} s, message {}\n",
+                        asked.is_listened()
+                            ? measures + " " + time_of(worst.round_trip_ns)
+                            : fmt::format("response {} (round trip {})", time_of(worst.response_ns),
+                                          time_of(worst.round_trip_ns)),
+                        worst.at_s, worst.message);
   return text;
 }
 
