@@ -406,6 +406,32 @@ TEST(JudgeAChange, TooFewMessagesInSingleRunsAreOpen) {
             Result::cannot_judge);
 }
 
+TEST(JudgeAChange, PercentileOfTooFewMessagesIsOpen) {
+  auto a = run({}), b = run({});
+  a.round_trip_certainty[statistics::Figure::p99_99] = measured(1, 0.98, 1.02);
+  b.round_trip_certainty[statistics::Figure::p99_99] = measured(9, 8.98, 9.02);
+  for (const auto* text : {"p99.99 > +10%", "p99.99 > +1 ms"}) {
+    const auto judgement = judge(parse(text, Use::fail_if_compared), {&a, &a}, {&b, &b});
+    EXPECT_EQ(judgement.result, Result::cannot_judge) << "of 1,000 it is the maximum";
+    EXPECT_THAT(judgement.says, HasSubstr("too few messages")) << text;
+  }
+}
+
+TEST(JudgeAChange, DifferenceAndRatioAreJudgedByTheSameInterval) {
+  const auto low = run(measured(0.3, 0.29, 0.31));
+  const auto some = run(measured(3, 2.9, 3.1)), more = run(measured(9, 8.9, 9.1)),
+             most = run(measured(30, 29, 31));
+  std::string interval;
+  for (const auto* text : {"p99 > +1%", "p99 > +10 us"}) {
+    const auto judgement =
+        judge(parse(text, Use::fail_if_compared), {&low, &low, &low}, {&some, &more, &most});
+    EXPECT_EQ(judgement.result, Result::missed) << text;
+    const auto of_this = judgement.says.substr(judgement.says.find("98 % interval"));
+    EXPECT_TRUE(interval.empty() || of_this == interval) << of_this;
+    interval = of_this;
+  }
+}
+
 TEST(JudgeAChange, AnyIncreaseFromZeroExceedsARatio) {
   auto a = run({}), b = run({}, 100);
   const auto share = [](double value, double low, double high) {

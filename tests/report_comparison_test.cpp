@@ -41,8 +41,8 @@ TEST(Compare, RunsOfTheSameKeyAreOnePairAndTheOthersAreNamed) {
   EXPECT_EQ(comparison.pairs[0].from.size(), 1U);
   EXPECT_EQ(comparison.pairs[0].to.size(), 2U) << "repetitions";
   const auto text = render(comparison, {}, Format::table);
-  EXPECT_THAT(text, HasSubstr("In A only: gone udp (1 run)"));
-  EXPECT_THAT(text, HasSubstr("In B only: new udp (1 run)"));
+  EXPECT_THAT(text, HasSubstr("Only in A: gone udp (1 run)"));
+  EXPECT_THAT(text, HasSubstr("Only in B: new udp (1 run)"));
   const auto document = json::parse(render(comparison, {}, Format::json));
   EXPECT_EQ(document.at("only_from").at(0).at("id"), "gone");
   EXPECT_EQ(document.at("only_to").at(0).at("key"), "k4");
@@ -56,6 +56,29 @@ TEST(Compare, ConditionThatKeepsRunsApartIsNamed) {
   EXPECT_THAT(text, HasSubstr("No run of A has the same conditions"));
   EXPECT_THAT(text, HasSubstr("deadline: 10 ms → 5 ms"));
   EXPECT_THAT(text, Not(HasSubstr("payload"))) << "the nearest alone";
+}
+
+TEST(Compare, WithoutAPairTheAnswerStandsBeforeTheLists) {
+  std::vector a{run("x", "k1", 1)}, b{run("y", "k2", 1, 2)};
+  amend(b[0].run.asked, {{"deadline_us", 5000}});
+  auto comparison = compare(a, b);
+  comparison.from_name = "old.ontime";
+  comparison.to_name = "new.ontime";
+  const auto text = render_answer(comparison, {}, Format::table, "", 1000);
+  EXPECT_TRUE(text.starts_with("No run of old.ontime")) << text;
+  EXPECT_LT(text.find("--from 1 --to 2"), text.find("Only in old.ontime: x udp"));
+  EXPECT_LT(text.find("Only in old.ontime: x udp"), text.find("Only in new.ontime: y udp"));
+}
+
+TEST(Compare, PeriodAndAgeHaveNoNearest) {
+  std::vector a{run("x", "k1", 1)}, b{run("y", "k2", 1, 2)};
+  amend(a[0].run.asked, {{"measures", "period"}});
+  amend(b[0].run.asked, {{"measures", "age"}, {"deadline_us", 5000}});
+  EXPECT_EQ(why_never(compare_chosen(a, b)), "a period and an age cannot be compared");
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), Not(HasSubstr("--from")));
+  amend(a[0].run.asked, {{"measures", "age"}});
+  EXPECT_EQ(why_never(compare_chosen(a, b)), "");
+  EXPECT_EQ(why_never(compare(a, b)), "") << "other conditions are no reason";
 }
 
 TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
@@ -212,6 +235,18 @@ TEST(Compare, TooWideIntervalIsNotShown) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};  // which have an interval of p99 alone
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, ::testing::ContainsRegex("p99.99 .* too few messages\n"));
+}
+
+TEST(Compare, PercentileBeyondTheMessagesHasNoValueAndMaximumNoVerdict) {
+  std::vector a{run("x", "k", 1), run("x", "k", 1, 2)}, b{run("x", "k", 2), run("x", "k", 2, 2)};
+  b[1].round_trip.max = 9'000'000;
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, ::testing::ContainsRegex("\np99.99 +- +- +- +- +too few messages\n"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("\nmax +2000 +9000 +[^ ]+ % +- +cannot tell\n"));
+  const auto pair = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
+  EXPECT_TRUE(figure_of(pair, "round_trip_us.p99.99").is_null());
+  EXPECT_EQ(figure_of(pair, "round_trip_us.max").at("to"), 9000);
+  EXPECT_EQ(figure_of(pair, "round_trip_us.max").at("verdict"), "cannot tell");
 }
 
 TEST(Compare, TwoShortRunsGetNoVerdict) {
@@ -461,6 +496,35 @@ TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {
   amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
   EXPECT_THAT(answer_of(compare(a, b)),
               HasSubstr("Also different: component transport version: 0.1.0 → 0.2.0; kernel (2 values)"));
+}
+
+TEST(CompareAnswer, RowNamesBothTransports) {
+  const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k2", 100, "fastdds")};
+  EXPECT_THAT(answer_of(compare_chosen(a, b)), ::testing::ContainsRegex("\nudp → fastdds +0\\.17 %"));
+  EXPECT_THAT(answer_of(compare_chosen(a, a)), ::testing::ContainsRegex("\nudp +0\\.17 %"));
+}
+
+TEST(CompareAnswer, CautionNamesItsSideAndThatOfBComesFirst) {
+  std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 100)};
+  a[0].run.outcome.conditions["controller"].clock_moved_s = 1;
+  b[0].run.outcome.conditions["controller"].clock_moved_s = 2;
+  auto comparison = compare(a, b);
+  comparison.from_name = "old.ontime";
+  comparison.to_name = "new.ontime";
+  const auto text = answer_of(comparison);
+  const auto of_b = text.find("Caution: x udp (run 1) of new.ontime: ");
+  ASSERT_NE(of_b, text.npos) << text;
+  const auto of_a = text.find("Caution: x udp (run 1) of old.ontime: ");
+  EXPECT_LT(of_b, of_a) << text;
+  comparison.one_file = true;
+  EXPECT_THAT(answer_of(comparison), Not(HasSubstr(") of ")));
+}
+
+TEST(CompareAnswer, RepetitionsSayWhatIsShown) {
+  const std::vector one{with_misses("x", "k1", 100)},
+      two{with_misses("x", "k1", 100), with_misses("x", "k1", 100)};
+  EXPECT_THAT(answer_of(compare(two, two)), HasSubstr("mean"));
+  EXPECT_THAT(answer_of(compare(one, one)), Not(HasSubstr("mean")));
 }
 
 TEST(CompareAnswer, FitsAScreenWhateverOthersWrote) {

@@ -152,7 +152,7 @@ Measured between(double low, double value, double high) { return {value, {}, {lo
 
 Summary with_p99(const Measured& p99) {
   Summary summary;
-  summary.round_trip.count = 1;
+  summary.round_trip.count = 1000;
   summary.round_trip_certainty[Figure::p99] = p99;
   return summary;
 }
@@ -230,6 +230,55 @@ TEST(Change, HasTheRatioOfTheTwoNumbersBesideIt) {
   EXPECT_GE(*found.ratio_lies.high, 1.2);
   const auto unbounded = with_p99({130, {}, {{}, 140}});
   EXPECT_FALSE(change({&calm}, {&unbounded}, Times::round_trip, Figure::p99)->ratio_lies.low);
+}
+
+TEST(Change, VerdictIsThatOfTheRatiosIntervalWhereTheDifferenceSaysOtherwise) {
+  const auto runs = [](std::initializer_list<double> values) {
+    std::vector<Summary> all;
+    for (const double value : values) all.push_back(with_p99(between(value * 0.99, value, value * 1.01)));
+    return all;
+  };
+  // Ten times as long and more, by very different amounts.
+  const auto a = runs({300, 310, 320}), b = runs({3000, 9000, 30'000});
+  const auto found = *change(all_of(a), all_of(b), Times::round_trip, Figure::p99);
+  ASSERT_LT(*found.difference_lies.low, 0);
+  ASSERT_GT(*found.ratio_lies.low, 1);
+  EXPECT_EQ(found.verdict(), Verdict::worse);
+  EXPECT_EQ(ratio_exceeds(found, 1.01), Answer::yes);
+  EXPECT_EQ(difference_exceeds(found, 100), Answer::yes);
+  // Less by the means alone: one of the three is a hundredth.
+  const auto c = runs({700, 701, 702}), d = runs({1, 302, 303});
+  const auto less = *change(all_of(c), all_of(d), Times::round_trip, Figure::p99);
+  ASSERT_LT(*less.difference_lies.high, 0);
+  ASSERT_GT(*less.ratio_lies.high, 1);
+  EXPECT_EQ(less.verdict(), Verdict::cannot_tell);
+  EXPECT_EQ(ratio_exceeds(*change(all_of(d), all_of(c), Times::round_trip, Figure::p99), 1.01),
+            Answer::cannot_tell);
+}
+
+TEST(Change, MaximumIsTheGreatestOfAllRunsAndHasNoVerdict) {
+  std::vector<Summary> a(3), b(3);
+  for (std::size_t i = 0; i < 3; ++i) {
+    a[i].round_trip.count = b[i].round_trip.count = 400;
+    a[i].round_trip.max = 100 + static_cast<std::int64_t>(i);
+    b[i].round_trip.max = 10'000 - static_cast<std::int64_t>(i);
+  }
+  const auto max = *change_of(a, b, Figure::max);
+  EXPECT_EQ(max.from, 102);
+  EXPECT_EQ(max.to, 10'000);
+  EXPECT_NEAR(*max.ratio, 10'000.0 / 102, 1e-9);
+  EXPECT_FALSE(max.ratio_lies.low || max.ratio_lies.high || max.difference_lies.low);
+  EXPECT_EQ(max.tendency, Tendency::unclear);
+}
+
+TEST(Change, PercentileOfTooFewMessagesIsUnknown) {
+  Random random(17);
+  const auto enough = repetitions(kinds().front(), 3, 1000, 0, 1, random),
+             too_few = repetitions(kinds().front(), 3, 999, 0, 10, random);
+  EXPECT_TRUE(change_of(enough, enough, Figure::p99_9));
+  EXPECT_FALSE(change_of(enough, too_few, Figure::p99_9));
+  EXPECT_FALSE(change_of(too_few, enough, Figure::p99_9));
+  EXPECT_TRUE(change_of(enough, too_few, Figure::p99));
 }
 
 TEST(Change, IsOfWhatBothHave) {

@@ -10,11 +10,13 @@
 #include "campaign/campaign.hpp"
 #include "chosen_runs.hpp"
 #include "commands.hpp"
+#include "conditions/conditions.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
 #include "plot.hpp"
 #include "report/comparison.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::app {
 namespace {
@@ -70,11 +72,23 @@ bool is_same_file(const CompareArguments& arguments) {
   return arguments.b.empty() || std::filesystem::equivalent(arguments.a, arguments.b, ignored);
 }
 
+// No run has a value of this key: it may be misspelt. Transports name their options themselves.
+void refuse_unknown(const std::string& key) {
+  if (key.starts_with("options.")) return;
+  std::vector<std::string> paths;
+  for (const auto& known : conditions::fields()) {
+    if (known.path == conditions::current_key(key) || known.json == key) return;
+    if (!known.path.empty()) paths.push_back(known.path);
+  }
+  throw Error(2, fmt::format("--by: unknown key '{}'{}", key, spelling::suggestion(key, paths)));
+}
+
 // The comparison points into `a` and `b`.
 report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file. Fix: omit B");
   a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
+  if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by);
   if (values.size() > 2) std::erase(values, report::unset);
   const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(values, ", "));
   if (!arguments.from.empty()) {
@@ -100,6 +114,9 @@ report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& 
   a = alike(arguments.a, arguments.from);
   b = alike(arguments.b.empty() ? arguments.a : arguments.b, arguments.to);
   auto comparison = report::compare_chosen(a, b);
+  if (const auto why = report::why_never(comparison); !why.empty())
+    throw Error(2, fmt::format("--from {} --to {}: {}. Fix: choose runs that measure the same",
+                               arguments.from, arguments.to, why));
   const bool same_file = is_same_file(arguments);
   for (const auto& pair : comparison.pairs) {
     refuse_unlike("--from", arguments.from, pair.from);
@@ -117,6 +134,10 @@ report::Comparison compare_files(const CompareArguments& arguments, Summaries& a
   return report::compare(a, b);
 }
 
+std::string run_or_id(const std::string& word) {
+  return word.find_first_not_of("0123456789") == word.npos ? "run " + word : word;
+}
+
 // Names both sides. Returns the command that prints every table.
 std::string name_sides(const CompareArguments& arguments, report::Comparison& comparison) {
   std::vector<std::string> words = {"ontime", "compare", arguments.a};
@@ -126,10 +147,11 @@ std::string name_sides(const CompareArguments& arguments, report::Comparison& co
     if (!value.empty()) words.insert(words.end(), {flag, value});
   if (!arguments.only.empty()) words.insert(words.end(), {"--only", table::join(arguments.only, ",")});
   words.emplace_back("--full");
+  comparison.one_file = arguments.b.empty();
   const auto file = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
   if (arguments.by.empty() && !arguments.from.empty() && arguments.from != arguments.to) {
-    comparison.from_name = arguments.from;
-    comparison.to_name = arguments.to;
+    comparison.from_name = run_or_id(arguments.from);
+    comparison.to_name = run_or_id(arguments.to);
   } else if (!arguments.b.empty() && file(arguments.a) != file(arguments.b)) {
     comparison.from_name = file(arguments.a);
     comparison.to_name = file(arguments.b);

@@ -371,7 +371,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
       if (!why.empty())
         return open(fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
     }
-  const auto change = *statistics::change(from, to, gate.times, gate.figure);
+  const auto found = statistics::change(from, to, gate.times, gate.figure);
+  if (!found) return open(too_few);
+  const auto& change = *found;
   const auto by_answer = [&](Answer answer, const std::string& says) {
     auto judged = judge_answer(gate, name, answer, says);
     for (const auto* run : to)
@@ -383,7 +385,7 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (!change.repeated && single_runs == SingleRuns::open) return open(says + ": " + one_run);
   if (!change.difference_lies.low)  // whatever is measured, it could not be shown to be worse
     return open(says + ": " + too_few);
-  if (gate.kind == Gate::Limit::difference) {
+  if (gate.kind == Gate::Limit::difference && !change.ratio) {
     says += ", " + interval(change.difference_lies,
                             [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
     return by_answer(statistics::difference_exceeds(change, gate.limit), says);
@@ -398,7 +400,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
     return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
   };
   says += fmt::format(" ({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
-  return by_answer(statistics::ratio_exceeds(change, gate.limit), says);
+  const auto exceeds =
+      gate.kind == Gate::Limit::ratio ? statistics::ratio_exceeds : statistics::difference_exceeds;
+  return by_answer(exceeds(change, gate.limit), says);
 }
 
 }  // namespace ontime::gate

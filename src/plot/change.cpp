@@ -64,8 +64,7 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   return panel;
 }
 
-// The table's verdict, which uses the difference: the interval of the ratio may disagree. Single runs get no
-// verdict, because one start may differ from the next.
+// The table's verdict. Single runs get none, because one start may differ from the next.
 const char* colour_of(const Change& change) {
   const auto verdict = change.verdict();
   return verdict == Verdict::worse ? orange : verdict == Verdict::better ? blue : grey;

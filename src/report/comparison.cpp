@@ -88,6 +88,13 @@ bool tells_nothing(const Row& row, const statistics::Change& change) {
   return beyond(change.ratio_lies, 0.5, 2);
 }
 
+bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
+
+// A percentile that needs more messages than one of the runs has.
+bool is_beyond(const Pair& pair, const Row& row) {
+  return statistics::metric_of(row.figure).one_in > 0 && change_of(pair, row.times, Figure::mean).has_value();
+}
+
 std::string list_of(const std::vector<Difference>& differences) {
   std::vector<std::string> parts;
   parts.reserve(differences.size());
@@ -96,27 +103,46 @@ std::string list_of(const std::vector<Difference>& differences) {
   return join(parts, "; ");
 }
 
-Table table_of(const Pair& pair) {
+// "idle udp", or "demo udp → demo cyclonedds" where the sides have other names.
+std::string title_of(const Pair& pair) {
+  const auto from = gate::name_of(pair.from), to = gate::name_of(pair.to);
+  return from == to ? to : from + " → " + to;
+}
+
+// "A: before.ontime, 3 runs; B: after.ontime, 3 runs".
+std::string sides_text(const Comparison& comparison, const Pair& pair) {
+  const auto side = [](const char* letter, const std::string& name, const Runs& runs) {
+    return fmt::format("{}: {}{}", letter, name == letter ? "" : name + ", ",
+                       many(runs.size(), "run", "runs"));
+  };
+  return side("A", comparison.from_name, pair.from) + "; " + side("B", comparison.to_name, pair.to) +
+         (is_single(pair) ? "" : "; each value is their mean, max the greatest");
+}
+
+Table table_of(const Comparison& comparison, const Pair& pair) {
   const Group all{pair.from.front(), pair.to.front()};
-  Table table{gate::name_of(pair.to), join(shared_conditions(all), ", "),
+  Table table{title_of(pair), join(shared_conditions(all), ", "),
               columns_of(quantity_of(all) + " (µs)", {"A", "B", "Change", "98 % interval"})};
   table.columns.push_back({"B is", Column::Align::left});
   for (const auto& row : rows) {
     const auto change = change_of(pair, row.times, row.figure);
-    if (!change) continue;
+    if (!change) {
+      if (is_beyond(pair, row))
+        table.rows.push_back({row.name(), nothing, nothing, nothing, nothing, "too few messages"});
+      continue;
+    }
     // A far percentile, or few messages or runs, leave it unknown.
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
-                          !too_few                                ? word_of(*change)
-                          : pair.from.size() + pair.to.size() > 2 ? "too few runs or messages"
-                                                                  : "too few messages"});
+                          !too_few          ? word_of(*change)
+                          : is_single(pair) ? "too few messages"
+                                            : "too few runs or messages"});
   }
   if (table.rows.empty())
     table.notes.push_back("nothing to compare: no message was answered, or no run is complete");
-  table.notes.insert(table.notes.begin(), fmt::format("A: {}; B: {}", many(pair.from.size(), "run", "runs"),
-                                                      many(pair.to.size(), "run", "runs")));
+  table.notes.insert(table.notes.begin(), sides_text(comparison, pair));
   if (!table.rows.empty() && !is_repeated(pair))
     table.notes.push_back(
         "one run per side cannot tell better from worse: its start-to-start variation is unknown. Fix: "
@@ -239,13 +265,14 @@ std::string nearest(const Comparison& comparison) {
   std::size_t least = 0;
   for (const auto& from : std::span(comparison.only_from).first(std::min(most, comparison.only_from.size())))
     for (const auto& to : std::span(comparison.only_to).first(std::min(most, comparison.only_to.size()))) {
+      if (quantity_of(from) != quantity_of(to)) continue;
       const auto different = key_differences(*from.front(), *to.front());
       if (different.empty() || (least != 0 && different.size() >= least)) continue;
       least = different.size();
       nearest = fmt::format(
-          "Nearest: {} of A and {} of B. Different: {}. To compare them anyway: --from {} --to {}",
-          name_of(from), name_of(to), join(different, "; "), from.front()->run.number,
-          to.front()->run.number);
+          "Nearest: {} of {} and {} of {}. Different: {}. To compare them anyway: --from {} --to {}",
+          name_of(from), comparison.from_name, name_of(to), comparison.to_name, join(different, "; "),
+          from.front()->run.number, to.front()->run.number);
     }
   return nearest;
 }
@@ -255,12 +282,15 @@ std::string nearest(const Comparison& comparison) {
 Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
   Page page;
   for (const auto& pair : comparison.pairs)
-    page.tables.push_back(is_imported(pair) ? imported_table_of(pair) : table_of(pair));
-  if (!comparison.only_from.empty()) page.notes.push_back("In A only: " + list_of(comparison.only_from));
-  if (!comparison.only_to.empty()) page.notes.push_back("In B only: " + list_of(comparison.only_to));
-  if (comparison.pairs.empty()) page.notes.push_back("No run of A has the same conditions as one of B.");
-  if (auto note = nearest(comparison); comparison.pairs.empty() && !note.empty())
-    page.notes.push_back(std::move(note));
+    page.tables.push_back(is_imported(pair) ? imported_table_of(pair) : table_of(comparison, pair));
+  if (comparison.pairs.empty()) {
+    page.notes.push_back(fmt::format("No run of {} has the same conditions as one of {}.",
+                                     comparison.from_name, comparison.to_name));
+    if (auto note = nearest(comparison); !note.empty()) page.notes.push_back(std::move(note));
+  }
+  for (const auto& [name, runs] : {std::pair(&comparison.from_name, &comparison.only_from),
+                                   std::pair(&comparison.to_name, &comparison.only_to)})
+    if (!runs->empty()) page.notes.push_back(fmt::format("Only in {}: {}", *name, list_of(*runs)));
   for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
   if (!page.tables.empty())
     page.legend =

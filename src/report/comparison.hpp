@@ -23,6 +23,7 @@ struct Comparison {
     Runs from, to;
   };
   std::string from_name = "A", to_name = "B";  // for people: "Test1.B", "before.ontime", "threaded-napi off"
+  bool one_file = false;                       // the numbers of runs tell the sides apart
   std::vector<Pair> pairs;
   std::vector<Runs> only_from, only_to;  // those without a partner
 };
@@ -45,6 +46,8 @@ Comparison::Runs whole(const Comparison::Runs&);
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
 bool is_repeated(const Comparison::Pair&);            // by two runs or more on each side
 bool has_run_on_both_sides(const Comparison::Pair&);  // of one file: by the numbers of the runs
+// "a period and an age cannot be compared", where that leaves no pair. Empty: they can.
+std::string why_never(const Comparison&);
 
 // The answer first: what is proven to have changed, a row for each pair, what else is not the same.
 std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&, Format,

@@ -60,6 +60,11 @@ std::vector<std::string> names_of_pairs(const Comparison& comparison) {
   Group after;
   for (const auto& pair : comparison.pairs) after.push_back(pair.to.front());
   auto names = labels_without_repetition(after);
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto &from = comparison.pairs[i].from.front()->run.asked, &to = after[i]->run.asked;
+    if (!to.is_listened() && from.task.transport != to.task.transport)
+      names[i] = word(from.task.transport) + " → " + names[i];
+  }
   const bool several_ids = std::ranges::any_of(
       after, [&](const auto* run) { return run->run.asked.id != after.front()->run.asked.id; });
   for (std::size_t i = 0; several_ids && i < names.size(); ++i)
@@ -134,19 +139,17 @@ std::string differences_text(const Comparison& comparison) {
 std::vector<std::string> cautions_of(const Comparison& comparison) {
   std::vector<std::string> cautions, names;
   Group runs;
-  bool repeated = true;
-  for (const auto& pair : comparison.pairs) {
-    repeated = repeated && is_repeated(pair);
-    for (const auto* side : {&pair.from, &pair.to})
-      for (const auto* run : *side) {
+  const bool repeated = std::ranges::all_of(comparison.pairs, is_repeated);
+  // There is room for few: the new side's come first.
+  for (const auto side : {&Pair::to, &Pair::from})
+    for (const auto& pair : comparison.pairs)
+      for (const auto* run : pair.*side) {
         runs.push_back(run);
-        names.push_back(gate::name_of(*run));
+        const auto& of = side == &Pair::from ? comparison.from_name : comparison.to_name;
+        names.push_back(gate::name_of(*run) + (comparison.one_file ? "" : " of " + of));
         if (gate::lacks_samples(gate::flaw_of(*run)))
-          cautions.push_back(fmt::format("left out: {} of {}: {}", names.back(),
-                                         side == &pair.from ? comparison.from_name : comparison.to_name,
-                                         gate::unfit(*run)));
+          cautions.push_back(fmt::format("left out: {}: {}", names.back(), gate::unfit(*run)));
       }
-  }
   const auto remarks = shared_remarks(runs);
   const auto add = [&](Remark::Weight weight) {
     for (const auto& remark : remarks)
@@ -205,10 +208,11 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
     to = std::max(to, pair.to.size());
   }
   const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
-  text += wrapped(
-      printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}", comparison.from_name,
-                            comparison.to_name, all_listened(first) ? "times" : "round trips", from, to)),
-      width);
+  text +=
+      wrapped(printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}{}", comparison.from_name,
+                                    comparison.to_name, all_listened(first) ? "times" : "round trips", from,
+                                    to, from + to > 2 ? "; each value is their mean, max the greatest" : "")),
+              width);
   auto table =
       table::as_text({.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()))}}, width);
   table.pop_back();  // the empty line after it

@@ -5,6 +5,8 @@
 #include <map>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "conditions/conditions.hpp"
 #include "record/document.hpp"
 #include "report/comparison.hpp"
@@ -105,6 +107,20 @@ bool has_run_on_both_sides(const Pair& pair) {
   return std::ranges::any_of(pair.from, [&](const auto* from) {
     return std::ranges::any_of(pair.to, [&](const auto* to) { return from->run.number == to->run.number; });
   });
+}
+
+std::string why_never(const Comparison& comparison) {
+  const auto with_article = [](const std::string& quantity) {
+    return quantity == "Age" ? "an age" : quantity == "Period" ? "a period" : "a round trip";
+  };
+  std::string why;
+  for (const auto& from : comparison.only_from)
+    for (const auto& to : comparison.only_to) {
+      const auto one = quantity_of(from), other = quantity_of(to);
+      if (one == other) return "";
+      why = fmt::format("{} and {} cannot be compared", with_article(one), with_article(other));
+    }
+  return comparison.pairs.empty() ? why : "";
 }
 
 Comparison compare(const Summaries& a, const Summaries& b) {

@@ -73,6 +73,7 @@ struct Known {
   std::vector<Measured> runs;
   std::optional<Probability> pooled;
 
+  double greatest() const { return std::ranges::max(runs, {}, &Measured::value).value; }
   Side side(Scale scale) const {
     auto side = side_of(runs, scale);
     if (!pooled) return side;
@@ -86,7 +87,12 @@ Known known_of(const std::vector<const Summary*>& runs, Times times, Figure figu
   Known known;
   std::vector<Probability> shares;
   for (const auto* run : runs) {
-    if (const auto one = measured(*run, times, figure)) known.runs.push_back(*one);
+    if (const auto one = measured(*run, times, figure)) {
+      // Of fewer values than the percentile takes it is the maximum by another name.
+      const auto values = (times == Times::response ? run->response : run->round_trip).count;
+      if (values < metric_of(figure).one_in) return {};
+      known.runs.push_back(*one);
+    }
     if (const auto* share = probability_of(*run, times, figure)) shares.push_back(*share);
   }
   if (shares.size() > 1) known.pooled = pooled(shares);
@@ -153,13 +159,21 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   const auto as_it_is = [](double value) { return value; };
   const auto one = before.side(as_it_is), other = after.side(as_it_is);
   Change change;
+  change.repeated = are_repeated(one, other);
+  if (figure == Figure::max) {  // a single message's: repetitions show another message, not its spread
+    change.from = before.greatest();
+    change.to = after.greatest();
+    if (change.from > 0 && change.to > 0) change.ratio = change.to / change.from;
+    return change;
+  }
   change.from = one.value;
   change.to = other.value;
-  change.repeated = are_repeated(one, other);
   change.difference_lies = difference_lies(one, other);
   set_ratio(change, before, after);
-  if (is_above(change.difference_lies, 0)) change.tendency = Tendency::more;
-  if (change.difference_lies.high.value_or(0) < 0) change.tendency = Tendency::less;
+  const auto& lies = change.ratio ? change.ratio_lies : change.difference_lies;
+  const double same = change.ratio ? 1 : 0;
+  if (is_above(lies, same)) change.tendency = Tendency::more;
+  if (lies.high.value_or(same) < same) change.tendency = Tendency::less;
   return change;
 }
 
@@ -175,6 +189,7 @@ Answer ratio_exceeds(const Change& change, double limit) {
 }
 
 Answer difference_exceeds(const Change& change, double limit) {
+  if (change.ratio) return ratio_exceeds(change, 1 + limit / change.from);
   if (change.to - change.from <= limit) return Answer::no;
   return is_above(change.difference_lies, std::min(limit, 0.0)) ? Answer::yes : Answer::cannot_tell;
 }

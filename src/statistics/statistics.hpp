@@ -175,7 +175,8 @@ struct Between {
 // design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
 Between slower_than(const Summary&, Times, double limit_ns);
 
-// From one or several runs to one or several others: their means.
+// From one or several runs to one or several others: their means. Of the maximum the greatest of all runs,
+// without intervals. A percentile that a run has too few values for is unknown.
 //
 // Each end of an interval is passed by the truth at most once in a hundred. Two intervals are computed, and
 // the wider one counts:
@@ -187,6 +188,8 @@ Between slower_than(const Summary&, Times, double limit_ns);
 // their p99 open, but many short runs show how it varies.
 // Without repetitions on both sides nothing is known of what changes from one start to the next (placement in
 // memory, the order of start). The interval is then about these runs only, and there is no verdict.
+// The interval of the ratio decides what has changed, for verdicts and gates; that of the difference where
+// there is no ratio. The two may disagree where repetitions differ much.
 enum class Tendency { less, unclear, more };        // what the interval excludes
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
@@ -198,7 +201,7 @@ struct Change {
   Tendency tendency = Tendency::unclear;
   Verdict verdict() const;
 };
-// Nothing: one of the sides does not have it.
+// Nothing: one of the sides does not have it, or too few values for it.
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,
                              Times, Figure);
 
@@ -207,8 +210,8 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
 // improvement). Where nothing has changed the answer is yes at most once in a hundred. A single metric passes
 // a limit if its interval lies beyond.
 enum class Answer { no, cannot_tell, yes };
-Answer ratio_exceeds(const Change&, double limit);  // 1.1 for `p99 > +10 %`
-Answer difference_exceeds(const Change&, double limit);
+Answer ratio_exceeds(const Change&, double limit);       // 1.1 for `p99 > +10 %`
+Answer difference_exceeds(const Change&, double limit);  // where there is a ratio, of the limit as one
 Answer exceeds(const Measured&, double limit);
 
 // A quantity that was found several times, and the interval of its median. The interval runs between two

@@ -344,7 +344,8 @@ class Results(unittest.TestCase):
         self.measured()
         other = self.folder / "other.ontime"
         self.ontime("run", self.scenario(duration="200 ms"), "--results", other)
-        self.assertIn("No run of A", self.ontime("compare", self.results, other).stdout)
+        answer = self.ontime("compare", self.results, other).stdout
+        self.assertRegex(answer, rf"\ANo run of {self.results.name} has the same\s+conditions")
         answer = self.ontime("compare", self.results, other, "--fail-if", "p50 > +900%", code=1)
         self.assertIn("no run of B has the same conditions", answer.stderr)
         self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "lost > +900%",
@@ -385,7 +386,8 @@ class Results(unittest.TestCase):
         self.assertEqual(runs("--by", "period"), [([1, 3], [2, 4])])
         self.assertEqual(runs("--by", "period", "--from", "10000", "--to", "5000"), [([2, 4], [1, 3])])
         self.assertIn("in common", runs("--from", "1", "--to", "3", code=2))
-        self.assertIn("there are 1", runs("--by", "transport", code=2))
+        self.assertIn("transport: udp", runs("--by", "transport", code=2))
+        self.assertIn("unknown key 'perod' (did you mean 'period'?)", runs("--by", "perod", code=2))
         self.assertIn("in common", runs(self.results, code=2))
 
     # --- out ---
