@@ -129,6 +129,18 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
   EXPECT_THAT(text_of(answer, 80), HasSubstr("1.0–5.0"));
 }
 
+TEST(Answer, RepetitionWithTooFewAnswersForP99LeavesItOpen) {
+  std::vector runs{run(1, "a", "udp", {}, 0, 1), run(2, "a", "udp", {}, 40, 2)};
+  runs[1].sent = 100;
+  runs[1].round_trip.count = 99;
+  const auto row = answer_of(runs, kept).rows.front();
+  EXPECT_FALSE(row.p99);
+  EXPECT_TRUE(row.p50);
+  EXPECT_TRUE(row.max_ns);
+  amend(runs[1].run.outcome, "/interrupted", true);
+  EXPECT_TRUE(answer_of(runs, kept).rows.front().p99) << "it was cut off, so few answers tell nothing";
+}
+
 TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}, 200)};
   runs[1].run.outcome = {};

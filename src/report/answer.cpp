@@ -58,13 +58,18 @@ std::uint64_t missed_of(const Summary& run) {
   return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
+// Of all repetitions, or of none: those with too few answers for a percentile are the worst ones, which
+// skipped or lost most. One that was cut off or failed may have too few for another reason.
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
   const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
   bool is_least = false;
   for (const auto* run : runs) {
     const auto& of = run->imported ? run->wake_up : run->round_trip;
-    if (of.count >= one_in) values.push_back(static_cast<double>(of[figure]));
+    if (of.count >= one_in)
+      values.push_back(static_cast<double>(of[figure]));
+    else if (statistics::is_complete(run->run))
+      return std::nullopt;
     is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
   }
   if (values.empty()) return std::nullopt;
