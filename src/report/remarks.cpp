@@ -155,14 +155,15 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
 
 void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   std::vector<const record::Note*> notes;
-  for (const auto& note : summary.notes) notes.push_back(&note);
+  for (const auto& note : summary.notes)
+    if (!note.kind.starts_with("search")) notes.push_back(&note);  // by these a search of settings resumes
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
-  if (summary.notes.size() > most_notes)
-    remarks.push_back({Weight::detail, many(summary.notes.size() - most_notes, "more note", "more notes")});
+  if (notes.size() > most_notes)
+    remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.
