@@ -268,6 +268,17 @@ TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   EXPECT_EQ(row.state, State::late);
 }
 
+TEST(Answer, CyclesWithoutAMessageHadNoAnswerOfTheirOwn) {
+  auto one = run(1, "a", "udp", {});  // a period of 10 us, a deadline of 10 ms: each wait ends in time
+  one.skipped_cycles = 8000;
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.sentence,
+            "All messages had an answer within 10 ms, but 8,000 of 10,000 cycles had no message.");
+  EXPECT_THAT(answer.cautions, Contains(HasSubstr("skipped cycles: 8,000")));
+  one.late_by_response = 8000;  // the table has them
+  EXPECT_THAT(answer_of({one}, kept).cautions, Not(Contains(HasSubstr("skipped cycles"))));
+}
+
 TEST(Answer, WorstWaitThatNoAnswerEndedIsOpen) {
   auto one = run(1, "a", "udp", {}, 1);
   one.response.max = one.open_wait_ns = 530 * ms;

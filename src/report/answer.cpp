@@ -221,8 +221,15 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   if (worst->conditions.is_listened) return sentence_of_listened(*worst);
   const auto within = in_time(classes);
   if (worst->high == 0) {
-    std::uint64_t cycles = 0;
-    for (const auto* entry : worst->entries) cycles += entry->row.cycles;
+    std::uint64_t cycles = 0, skipped = 0;
+    for (const auto& one : classes)
+      for (const auto* entry : one.entries) {
+        cycles += entry->row.cycles;
+        for (const auto* run : entry->runs) skipped += run->skipped_cycles;
+      }
+    if (skipped > 0)  // their wait ended in time, but by the answer to a message of another cycle
+      return fmt::format("{} messages had an answer {}, but {} of {} cycles had no message.",
+                         is_of_all ? "All" : "The", within, grouped(skipped), grouped(cycles));
     if (cycles == 1 && classes.size() == 1)
       return fmt::format("{} cycle had an answer {}.", is_of_all ? "The only" : "1", within);
     if (classes.size() == 1)

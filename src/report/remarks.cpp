@@ -239,7 +239,11 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
     if (number > 0)
       remarks.push_back({weight, fmt::format("{}: {{}}", what), static_cast<double>(number), number_text});
   };
-  count(Weight::detail, "skipped cycles", summary.skipped_cycles);
+  // Where late answers caused them, the late cycles are as many, and the table shows them.
+  const bool is_slower =
+      summary.skipped_cycles > summary.late_by_response.value_or(summary.late + summary.lost);
+  count(is_slower ? Weight::caution : Weight::detail,
+        is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses_text(outcome, &record::Losses::on_the_way, "to"); !text.empty())
