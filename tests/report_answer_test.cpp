@@ -177,6 +177,14 @@ TEST(Answer, AFailedRunIsNamedWithItsError) {
   EXPECT_THAT(commands_of(answer), Contains(HasSubstr("--resume --results demo.ontime")));
 }
 
+TEST(Answer, FileWithoutSamplesIsNoSuccess) {
+  auto one = summary(asked("a", "udp"), outcome(), 0);
+  amend(one.run.outcome, "/dropped_records", 2000);
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.sentence, "No sample was recorded of 2,000 cycles.");
+  EXPECT_EQ(answer.rows.front().state, State::not_applied);
+}
+
 TEST(Answer, NothingLateSaysHowLongToMeasure) {
   const auto answer = answer_of({run_without_a_late_message()}, kept);
   EXPECT_EQ(answer.sentence, "All 2,000 cycles had an answer within 10 ms.");

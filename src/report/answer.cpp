@@ -140,10 +140,14 @@ struct Class {
   }
 };
 
+// Its file has none of its samples: only the client counted its messages.
+bool has_no_sample(const Summary* run) { return run->sent == 0 && run->run.outcome.counters.sent > 0; }
+
 std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant)(State)) {
   std::vector<Class> classes;
   for (const auto& entry : entries) {
     if (!is_meant(entry.row.state) || entry.row.cycles == 0) continue;
+    if (std::ranges::all_of(entry.runs, has_no_sample)) continue;
     const auto conditions = conditions_of(*entry.runs.front());
     auto same = std::ranges::find(classes, conditions, &Class::conditions);
     if (same == classes.end()) same = classes.insert(classes.end(), {conditions, {}});
@@ -403,8 +407,11 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (!std::ranges::all_of(classes, is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
-    answer.sentence = imported ? "Imported: wake-up latencies of another tool, no messages."
-                               : "Nothing was measured. No message was sent.";
+    std::uint64_t cycles = 0;
+    for (const auto& row : answer.rows) cycles += row.cycles;
+    answer.sentence = cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
+                      : imported ? "Imported: wake-up latencies of another tool, no messages."
+                                 : "Nothing was measured. No message was sent.";
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
