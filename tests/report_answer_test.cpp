@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "gate/gate.hpp"
 #include "report/answer.hpp"
 #include "report_fixture.hpp"
 
@@ -324,6 +325,22 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
               AllOf(HasSubstr("Test1.B cyclonedds: "), HasSubstr("load on the controller")));
   EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("machine's CPU time"))));
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
+}
+
+TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
+  std::vector runs{run(1, "a", "udp", {}, 2), run(2, "b", "udp", {})};
+  EXPECT_THAT(answer_of(runs, kept).sentence, Not(HasSubstr("requirement")));
+  amend(runs[0].run.outcome, "/hosts/controller/load_running", false);
+  runs[0].notes = {{"peer-left", "the pong left", {}, {}},
+                   {gate::missed_note, "FAIL: late <= 0: 2 of 2000 messages", {}, {}},
+                   {gate::missed_note, "FAIL: p99 <= 1 us: p99 is 2 ms", {}, {}}};
+  auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.sentence, HasSubstr(" 1 of 2 runs missed a requirement."));
+  ASSERT_GE(answer.cautions.size(), 4u);
+  EXPECT_THAT(answer.cautions[0], HasSubstr("a udp: FAIL: late <= 0"));
+  EXPECT_THAT(answer.cautions[1], HasSubstr("a udp: FAIL: p99 <= 1 us"));
+  EXPECT_THAT(answer.cautions[2], HasSubstr("load on the controller"));
+  EXPECT_THAT(answer_of({runs[0]}, kept).sentence, HasSubstr(" A requirement was missed."));
 }
 
 TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {

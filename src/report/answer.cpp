@@ -255,6 +255,19 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
                      contrast->range());
 }
 
+// By the notes that were taken when the runs were measured.
+std::string missed_requirements(const std::vector<Entry>& entries) {
+  std::size_t runs = 0, missed = 0;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs) {
+      ++runs;
+      missed += std::ranges::count(run->notes, gate::missed_note, &record::Note::kind) > 0 ? 1 : 0;
+    }
+  if (missed == 0) return "";
+  return runs == 1 ? " A requirement was missed."
+                   : fmt::format(" {} of {} runs missed a requirement.", missed, runs);
+}
+
 // --- cautions ---
 
 std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
@@ -272,9 +285,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   }
   const auto remarks = shared_remarks(runs);
   std::vector<std::string> cautions;
-  const auto add = [&](Remark::Weight weight) {
+  const auto add = [&](Remark::Weight weight, bool of_requirement = false) {
     for (const auto& remark : remarks) {
-      if (remark.weight != weight) continue;
+      if (remark.weight != weight || remark.is_of_requirement != of_requirement) continue;
       std::vector<std::size_t> places;
       for (const auto run : remark.runs)
         if (places.empty() || places.back() != row_of_run[run]) places.push_back(row_of_run[run]);
@@ -282,6 +295,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       cautions.push_back(all ? remark.text : name_of_some(names, places) + ": " + remark.text);
     }
   };
+  add(Remark::Weight::caution, true);  // the exit code tells of these
   add(Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
@@ -428,6 +442,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
       found.to = contrast->entries.front()->runs.front();
     }
   }
+  answer.sentence += missed_requirements(entries);
   answer.next = next_steps(found, origin);
   return answer;
 }

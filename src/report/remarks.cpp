@@ -160,8 +160,11 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
-  for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
+  for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
+    remarks.back().is_of_requirement =
+        notes[i]->kind == gate::missed_note || notes[i]->kind == gate::open_note;
+  }
   if (notes.size() > most_notes)
     remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
 }
@@ -311,14 +314,14 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
       const auto low = remark.shown(*remark.amount), high = remark.shown(most);
       text = replace_all(text, "{}", low == high ? low : fmt::format("{} to {}", low, high));
     }
-    shared.push_back({remark.weight, std::move(text), std::move(of)});
+    shared.push_back({remark.weight, std::move(text), std::move(of), remark.is_of_requirement});
   }
   return shared;
 }
 
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group& runs) {
   std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
-  for (const auto& [weight, text, of] : shared_remarks(runs)) entry_of(notes, of).push_back(text);
+  for (const auto& remark : shared_remarks(runs)) entry_of(notes, remark.runs).push_back(remark.text);
   std::vector<std::string> lines;
   lines.reserve(notes.size());
   for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));
