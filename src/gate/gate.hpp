@@ -121,7 +121,7 @@ std::vector<Judgement> judge_all(std::span<const Gate>, const statistics::Summar
 inline constexpr const char* as_asked = "measured as asked";
 Judgement judge_as_asked(const statistics::Summary&);
 
-// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
+// "Test1.B cyclonedds #2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
 inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);

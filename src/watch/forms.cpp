@@ -43,7 +43,7 @@ std::string head_of(const Progress& progress) {
                           table::shortened(table::printable(asked.id), gate::longest_id));
   for (const auto& part : {asked.variant, asked.task.transport})
     if (!part.empty()) text += " " + table::printable(part);
-  if (asked.repetition > 1) text += fmt::format(" ×{}", asked.repetition);
+  if (asked.repetition > 1) text += fmt::format(" #{}", asked.repetition);
   if (!progress.samples_wait) {
     text += fmt::format("  {}", clock(progress.elapsed_s));
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
