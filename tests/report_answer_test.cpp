@@ -94,6 +94,33 @@ TEST(Answer, TwelveRunsFitTheScreen) {
   EXPECT_THAT(lines, Contains(HasSubstr("of 2,000")));
 }
 
+TEST(Answer, CautionIsCutOnlyWhereRowsNeedTheLines) {
+  std::string words = "no permission";
+  for (int i = 0; i < 40; ++i) words += " word" + std::to_string(i);
+  auto one = run(1, "a", "udp", {});
+  one.notes = {{"peer-left", words + " FIX", {}, {}}};
+  EXPECT_THAT(text_of(answer_of({one}, kept), 80), HasSubstr("FIX"));
+  auto runs = demo();
+  runs[0].notes = one.notes;
+  const auto lines = lines_of(text_of(answer_of(runs, kept), 80));
+  EXPECT_LE(lines.size(), screen_lines);
+  EXPECT_THAT(lines, Contains(StartsWith("Test1.D")));
+  EXPECT_THAT(lines, Not(Contains(HasSubstr("FIX"))));
+}
+
+TEST(Answer, WideLettersTakeTwoColumns) {
+  EXPECT_EQ(width_of("ロボットa"), 9u);
+  EXPECT_EQ(width_of("µs ≥…"), 5u);
+  EXPECT_EQ(table::shortened("ロボットa", 5), "ロボ…");
+  EXPECT_EQ(table::shortened("ロボットa", 9), "ロボットa");
+  std::vector runs{run(1, "ロボットの腕の検査", "udp", {}), run(2, "arm", "udp", {})};
+  const auto lines = lines_of(text_of(answer_of(runs, kept), 80));
+  std::vector<std::size_t> widths;
+  for (const auto& line : lines)
+    if (line.ends_with("  ok")) widths.push_back(width_of(line));
+  EXPECT_THAT(widths, ElementsAre(widths.at(0), widths.at(0)));
+}
+
 TEST(Answer, MoreRunsThanFitLeaveTheWorstAndTheirNumber) {
   std::vector<Summary> runs;
   for (int i = 1; i <= 60; ++i) runs.push_back(run(i, "run" + std::to_string(i), "udp", {}, i == 47 ? 9 : 0));
