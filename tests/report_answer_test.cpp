@@ -229,6 +229,14 @@ TEST(Answer, MissingDeadlineIsNamed) {
   EXPECT_EQ(answer_of({one}, kept).sentence, "All 2,000 cycles had an answer (no deadline set).");
 }
 
+TEST(Answer, EmptyPayloadIsShownAndAnUnknownOneIsNot) {
+  auto one = run(1, "a", "udp", {});
+  amend(one.run.asked, "/payload_bytes", 0);
+  EXPECT_EQ(answer_of({one}, kept).conditions, "0 B every 10 ms, 20 s a run");
+  amend(one.run.asked, "/payload_bytes", nullptr);
+  EXPECT_EQ(answer_of({one}, kept).conditions, "every 10 ms, 20 s a run");
+}
+
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   auto one = run_without_a_late_message();
   amend(one.run.asked, "/command_line",
@@ -265,6 +273,17 @@ TEST(Answer, TheNextCommandNamesNoOptionTwice) {
   EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime ping --loopback --duration 5min"));
 }
 
+TEST(Answer, WithoutResultsTheNextCommandMeasuresAgainAsBefore) {
+  auto one = run(1, "ping", "udp", {}, 5);
+  amend(one.run.asked, "/scenario_file", "");
+  amend(one.run.asked, "/command_line",
+        {"ontime", "ping", "--loopback", "--duration", "1s", "--explain", "--payload", "1kB", "--format",
+         "table"});
+  EXPECT_THAT(commands_of(answer_of({one}, {"", true})),
+              ElementsAre("ontime ping --loopback --duration 1s --payload 1kB --explain --results why.ontime",
+                          "ontime ping --loopback --duration 1s --explain --payload 1kB --full"));
+}
+
 TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
   auto one = run(1, "a", "udp", {}, 1);
   one.sent = 1'000'000;
@@ -291,6 +310,7 @@ TEST(Answer, APercentileBeyondAnImportedHistogramIsALowerBound) {
   EXPECT_FALSE(answer.rows.front().p50->is_least);
   EXPECT_TRUE(answer.rows.front().p99->is_least);
   EXPECT_THAT(text_of(answer, 80), HasSubstr("≥ 2.0"));
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("wake-up latencies in ms"));
   EXPECT_TRUE(json_of(answer).at("rows").at(0).at("p99_ms").is_null());
 }
 

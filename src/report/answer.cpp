@@ -348,19 +348,22 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   Group runs;
   for (const auto& entry : entries) runs.insert(runs.end(), entry.runs.begin(), entry.runs.end());
   using Client = roundtrip::ClientOptions;
-  const auto common = [&](auto Client::*member, auto form) -> std::string {
+  const auto common = [&](const char* name, auto Client::*member, auto form) -> std::string {
     const auto first = runs.front()->run.asked.task.client.*member;
-    const bool same = std::ranges::all_of(
-        runs, [&](const auto* run) { return run->run.asked.task.client.*member == first; });
-    return same && first != decltype(first){} ? form(first) : "";
+    const bool same = std::ranges::all_of(runs, [&](const auto* run) {
+      const auto& asked = run->run.asked;
+      return asked.stated(name).is_number() && asked.task.client.*member == first;
+    });
+    return same ? form(first) : "";
   };
   std::vector<std::string> parts;
-  auto message = common(&Client::payload_bytes, size);
+  auto message = common("payload_bytes", &Client::payload_bytes, size);
   if (runs.front()->run.asked.task.client.schedule != roundtrip::Schedule::back_to_back)
-    if (const auto period = common(&Client::period, duration); !period.empty())
+    if (const auto period = common("period_us", &Client::period, duration); !period.empty())
       message += (message.empty() ? "every " : " every ") + period;
   if (!message.empty()) parts.push_back(message);
-  if (const auto time = common(&Client::duration, duration); !time.empty()) parts.push_back(time + " a run");
+  if (const auto time = common("duration_s", &Client::duration, duration); !time.empty())
+    parts.push_back(time + " a run");
   return join(parts, ", ");
 }
 
@@ -408,8 +411,12 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (all_ok) add_longer(found, entries);
   answer.conditions = common_conditions(entries);
   const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
-  if (std::ranges::any_of(entries,
-                          [](const Entry& entry) { return entry.runs.front()->run.asked.is_listened(); }))
+  const auto is_imported = [](const Entry& entry) { return entry.row.state == State::imported; };
+  if (std::ranges::all_of(entries, is_imported))
+    answer.times = "wake-up latencies";
+  else if (std::ranges::any_of(entries, [&](const Entry& entry) {
+             return is_imported(entry) || entry.runs.front()->run.asked.is_listened();
+           }))
     answer.times = "times";
   answer.cautions = cautions_of(entries);
 
