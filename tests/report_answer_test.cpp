@@ -378,9 +378,9 @@ TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
   std::vector runs{run(1, "a", "udp", {}, 2), run(2, "b", "udp", {})};
   EXPECT_THAT(answer_of(runs, kept).sentence, Not(HasSubstr("requirement")));
   amend(runs[0].run.outcome, "/hosts/controller/load_running", false);
-  runs[0].notes = {{"peer-left", "the pong left", {}, {}},
-                   {gate::missed_note, "FAIL: late <= 0: 2 of 2000 messages", {}, {}},
-                   {gate::missed_note, "FAIL: p99 <= 1 us: p99 is 2 ms", {}, {}}};
+  runs[0].notes.assign(5, {"peer-left", "the pong left", {}, {}});
+  runs[0].notes.push_back({gate::missed_note, "FAIL: late <= 0: 2 of 2000 messages", {}, {}});
+  runs[0].notes.push_back({gate::missed_note, "FAIL: p99 <= 1 us: p99 is 2 ms", {}, {}});
   auto answer = answer_of(runs, kept);
   EXPECT_THAT(answer.sentence, HasSubstr(" 1 of 2 runs missed a requirement."));
   ASSERT_GE(answer.cautions.size(), 4u);

@@ -160,10 +160,13 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
+  const auto is_of_requirement = [](const auto* note) {
+    return note->kind == gate::missed_note || note->kind == gate::open_note;
+  };
+  std::ranges::stable_partition(notes, is_of_requirement);
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
-    remarks.back().is_of_requirement =
-        notes[i]->kind == gate::missed_note || notes[i]->kind == gate::open_note;
+    remarks.back().is_of_requirement = is_of_requirement(notes[i]);
   }
   if (notes.size() > most_notes)
     remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
