@@ -57,7 +57,7 @@ TEST(Judge, AGateFailsOnlyIfTheIntervalExceedsTheLimit) {
 TEST(Judge, NamesGateRunFigureAndInterval) {
   const auto missed = judged("p99 > 2 ms", run(measured(3, 2.5, 3.5)));
   EXPECT_EQ(text_of(missed),
-            "FAIL: p99 <= 2 ms (Test1.B udp ×2 (run 5)): p99 is 3 ms, 98 % interval [2.5 ms, 3.5 ms]");
+            "FAIL: p99 <= 2 ms (Test1.B udp #2 (run 5)): p99 is 3 ms, 98 % interval [2.5 ms, 3.5 ms]");
   EXPECT_THAT(text_of(judged("p99 > 4 ms", run(measured(3, 2.5, 3.5)))),
               ::testing::StartsWith("ok: p99 <= 4 ms"));
   EXPECT_THAT(text_of(judged("p99 > 3 ms", run(measured(3.1, 2.5, 3.5)))),

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "gate/gate.hpp"
 #include "report/answer.hpp"
 #include "report_fixture.hpp"
 
@@ -93,6 +94,33 @@ TEST(Answer, TwelveRunsFitTheScreen) {
   EXPECT_THAT(lines, Contains(HasSubstr("of 2,000")));
 }
 
+TEST(Answer, CautionIsCutOnlyWhereRowsNeedTheLines) {
+  std::string words = "no permission";
+  for (int i = 0; i < 40; ++i) words += " word" + std::to_string(i);
+  auto one = run(1, "a", "udp", {});
+  one.notes = {{"peer-left", words + " FIX", {}, {}}};
+  EXPECT_THAT(text_of(answer_of({one}, kept), 80), HasSubstr("FIX"));
+  auto runs = demo();
+  runs[0].notes = one.notes;
+  const auto lines = lines_of(text_of(answer_of(runs, kept), 80));
+  EXPECT_LE(lines.size(), screen_lines);
+  EXPECT_THAT(lines, Contains(StartsWith("Test1.D")));
+  EXPECT_THAT(lines, Not(Contains(HasSubstr("FIX"))));
+}
+
+TEST(Answer, WideLettersTakeTwoColumns) {
+  EXPECT_EQ(width_of("ロボットa"), 9u);
+  EXPECT_EQ(width_of("µs ≥…"), 5u);
+  EXPECT_EQ(table::shortened("ロボットa", 5), "ロボ…");
+  EXPECT_EQ(table::shortened("ロボットa", 9), "ロボットa");
+  std::vector runs{run(1, "ロボットの腕の検査", "udp", {}), run(2, "arm", "udp", {})};
+  const auto lines = lines_of(text_of(answer_of(runs, kept), 80));
+  std::vector<std::size_t> widths;
+  for (const auto& line : lines)
+    if (line.ends_with("  ok")) widths.push_back(width_of(line));
+  EXPECT_THAT(widths, ElementsAre(widths.at(0), widths.at(0)));
+}
+
 TEST(Answer, MoreRunsThanFitLeaveTheWorstAndTheirNumber) {
   std::vector<Summary> runs;
   for (int i = 1; i <= 60; ++i) runs.push_back(run(i, "run" + std::to_string(i), "udp", {}, i == 47 ? 9 : 0));
@@ -127,6 +155,18 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
   EXPECT_EQ(row.p99->median_ns, 3.0 * ms);
   EXPECT_EQ(row.p99->high_ns, 5.0 * ms);
   EXPECT_THAT(text_of(answer, 80), HasSubstr("1.0–5.0"));
+}
+
+TEST(Answer, RepetitionWithTooFewAnswersForP99LeavesItOpen) {
+  std::vector runs{run(1, "a", "udp", {}, 0, 1), run(2, "a", "udp", {}, 40, 2)};
+  runs[1].sent = 100;
+  runs[1].round_trip.count = 99;
+  const auto row = answer_of(runs, kept).rows.front();
+  EXPECT_FALSE(row.p99);
+  EXPECT_TRUE(row.p50);
+  EXPECT_TRUE(row.max_ns);
+  amend(runs[1].run.outcome, "/interrupted", true);
+  EXPECT_TRUE(answer_of(runs, kept).rows.front().p99) << "it was cut off, so few answers tell nothing";
 }
 
 TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
@@ -165,6 +205,14 @@ TEST(Answer, AFailedRunIsNamedWithItsError) {
   EXPECT_THAT(commands_of(answer), Contains(HasSubstr("--resume --results demo.ontime")));
 }
 
+TEST(Answer, FileWithoutSamplesIsNoSuccess) {
+  auto one = summary(asked("a", "udp"), outcome(), 0);
+  amend(one.run.outcome, "/dropped_records", 2000);
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.sentence, "No sample was recorded of 2,000 cycles.");
+  EXPECT_EQ(answer.rows.front().state, State::not_applied);
+}
+
 TEST(Answer, NothingLateSaysHowLongToMeasure) {
   const auto answer = answer_of({run_without_a_late_message()}, kept);
   EXPECT_EQ(answer.sentence, "All 2,000 cycles had an answer within 10 ms.");
@@ -179,6 +227,14 @@ TEST(Answer, MissingDeadlineIsNamed) {
   auto one = run(1, "a", "udp", {});
   one.run.asked.task.client.deadline = {};
   EXPECT_EQ(answer_of({one}, kept).sentence, "All 2,000 cycles had an answer (no deadline set).");
+}
+
+TEST(Answer, EmptyPayloadIsShownAndAnUnknownOneIsNot) {
+  auto one = run(1, "a", "udp", {});
+  amend(one.run.asked, "/payload_bytes", 0);
+  EXPECT_EQ(answer_of({one}, kept).conditions, "0 B every 10 ms, 20 s a run");
+  amend(one.run.asked, "/payload_bytes", nullptr);
+  EXPECT_EQ(answer_of({one}, kept).conditions, "every 10 ms, 20 s a run");
 }
 
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
@@ -217,6 +273,17 @@ TEST(Answer, TheNextCommandNamesNoOptionTwice) {
   EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime ping --loopback --duration 5min"));
 }
 
+TEST(Answer, WithoutResultsTheNextCommandMeasuresAgainAsBefore) {
+  auto one = run(1, "ping", "udp", {}, 5);
+  amend(one.run.asked, "/scenario_file", "");
+  amend(one.run.asked, "/command_line",
+        {"ontime", "ping", "--loopback", "--duration", "1s", "--explain", "--payload", "1kB", "--format",
+         "table"});
+  EXPECT_THAT(commands_of(answer_of({one}, {"", true})),
+              ElementsAre("ontime ping --loopback --duration 1s --payload 1kB --explain --results why.ontime",
+                          "ontime ping --loopback --duration 1s --explain --payload 1kB --full"));
+}
+
 TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
   auto one = run(1, "a", "udp", {}, 1);
   one.sent = 1'000'000;
@@ -243,6 +310,7 @@ TEST(Answer, APercentileBeyondAnImportedHistogramIsALowerBound) {
   EXPECT_FALSE(answer.rows.front().p50->is_least);
   EXPECT_TRUE(answer.rows.front().p99->is_least);
   EXPECT_THAT(text_of(answer, 80), HasSubstr("≥ 2.0"));
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("wake-up latencies in ms"));
   EXPECT_TRUE(json_of(answer).at("rows").at(0).at("p99_ms").is_null());
 }
 
@@ -254,6 +322,17 @@ TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   EXPECT_EQ(row.cycles, 2500u);
   EXPECT_EQ(row.missed, 600u);
   EXPECT_EQ(row.state, State::late);
+}
+
+TEST(Answer, CyclesWithoutAMessageHadNoAnswerOfTheirOwn) {
+  auto one = run(1, "a", "udp", {});  // a period of 10 us, a deadline of 10 ms: each wait ends in time
+  one.skipped_cycles = 8000;
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.sentence,
+            "All messages had an answer within 10 ms, but 8,000 of 10,000 cycles had no message.");
+  EXPECT_THAT(answer.cautions, Contains(HasSubstr("skipped cycles: 8,000")));
+  one.late_by_response = 8000;  // the table has them
+  EXPECT_THAT(answer_of({one}, kept).cautions, Not(Contains(HasSubstr("skipped cycles"))));
 }
 
 TEST(Answer, WorstWaitThatNoAnswerEndedIsOpen) {
@@ -293,6 +372,22 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
               AllOf(HasSubstr("Test1.B cyclonedds: "), HasSubstr("load on the controller")));
   EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("machine's CPU time"))));
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
+}
+
+TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
+  std::vector runs{run(1, "a", "udp", {}, 2), run(2, "b", "udp", {})};
+  EXPECT_THAT(answer_of(runs, kept).sentence, Not(HasSubstr("requirement")));
+  amend(runs[0].run.outcome, "/hosts/controller/load_running", false);
+  runs[0].notes.assign(5, {"peer-left", "the pong left", {}, {}});
+  runs[0].notes.push_back({gate::missed_note, "FAIL: late <= 0: 2 of 2000 messages", {}, {}});
+  runs[0].notes.push_back({gate::missed_note, "FAIL: p99 <= 1 us: p99 is 2 ms", {}, {}});
+  auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.sentence, HasSubstr(" 1 of 2 runs missed a requirement."));
+  ASSERT_GE(answer.cautions.size(), 4u);
+  EXPECT_THAT(answer.cautions[0], HasSubstr("a udp: FAIL: late <= 0"));
+  EXPECT_THAT(answer.cautions[1], HasSubstr("a udp: FAIL: p99 <= 1 us"));
+  EXPECT_THAT(answer.cautions[2], HasSubstr("load on the controller"));
+  EXPECT_THAT(answer_of({runs[0]}, kept).sentence, HasSubstr(" A requirement was missed."));
 }
 
 TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {

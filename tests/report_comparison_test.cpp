@@ -315,7 +315,7 @@ TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
                                      "link loss: -, 0.1", "link_unproved: -, it is not proved",
                                      "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
   EXPECT_THAT(render(compare(a, b), {}, Format::table),
-              AllOf(HasSubstr("x udp ×3 (run 7) of B: "), HasSubstr("load on the controller")));
+              AllOf(HasSubstr("x udp #3 (run 7) of B: "), HasSubstr("load on the controller")));
 }
 
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {

@@ -206,6 +206,16 @@ TEST(Remarks, ACompleteRunThatSentNothingSaysWhyItIsNotApplied) {
   EXPECT_THAT(remarks(one), Not(HasSubstr("no message was sent")));
 }
 
+TEST(Remarks, NotesOfASearchForSettingsAreNone) {
+  auto one = summary(asked("a", "udp"), outcome());
+  const auto none = remarks(one);
+  for (const auto* kind : {"search", "search-goal", "search-run", "search-settings"})
+    for (int i = 0; i < 3; ++i) one.notes.push_back({kind, "realtime: on", {}, {}});
+  EXPECT_EQ(remarks(one), none);
+  one.notes.push_back({"peer-left", "the pong left", {}, {}});
+  EXPECT_THAT(remarks(one), HasSubstr("the pong left"));
+}
+
 TEST(Remarks, ACountThatOnlyADamagedFileHasIsShown) {
   auto one = summary(asked("a", "udp"), outcome());
   one.skipped_cycles = UINT64_MAX;

@@ -47,7 +47,7 @@ void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes&
   const bool known =
       std::ranges::any_of(summary.notes, [&](const auto& before) { return before.text == text; });
   if (known) return;
-  summary.notes.push_back({missed ? "gate-missed" : "gate-not-judged", text, {}, {}});
+  summary.notes.push_back({missed ? gate::missed_note : gate::open_note, text, {}, {}});
   notes.emplace_back(summary.run.number, summary.notes.back());
 }
 

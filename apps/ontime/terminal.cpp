@@ -101,7 +101,7 @@ std::string Terminal::next(const campaign::Run& run) {
   ++number_;
   const auto count = runs_ > 1 ? fmt::format("[{}/{}, {} left] ", number_, runs_, about(left_)) : "";
   left_ -= campaign::time_of(run);
-  const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
+  const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
   return table::printable(fmt::format("{}{}{} {}{}", count, table::shortened(run.id, gate::longest_id),
                                       variant, run.task.transport, repetition));

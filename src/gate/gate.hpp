@@ -108,6 +108,8 @@ using Runs = std::vector<const statistics::Summary*>;
 enum class SingleRuns { open, judged };
 Judgement judge(const Gate&, const Runs& from, const Runs& to,
                 SingleRuns = SingleRuns::open);  // one that is relative
+// Kinds of notes in a run's record: a requirement that it missed, or that it could not be judged by.
+inline constexpr const char *missed_note = "gate-missed", *open_note = "gate-not-judged";
 // "ok", "ok, not certain", "FAIL" or "open".
 const char* word_of(const Judgement&);
 // "FAIL: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, 98 % interval [2.9 ms, 3.4 ms]".
@@ -119,7 +121,7 @@ std::vector<Judgement> judge_all(std::span<const Gate>, const statistics::Summar
 inline constexpr const char* as_asked = "measured as asked";
 Judgement judge_as_asked(const statistics::Summary&);
 
-// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
+// "Test1.B cyclonedds #2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
 inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);

@@ -283,7 +283,7 @@ bool is_superseded(const Summary& run, std::span<const Summary> all) {
 std::string name_of(const Summary& run) {
   auto name = name_of(Runs{&run});
   if (const auto repetition = run.run.asked.repetition; repetition > 1)
-    name += fmt::format(" ×{}", repetition);
+    name += fmt::format(" #{}", repetition);
   return fmt::format("{} (run {})", name, run.run.number);
 }
 

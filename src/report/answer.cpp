@@ -58,13 +58,18 @@ std::uint64_t missed_of(const Summary& run) {
   return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
+// Of all repetitions, or of none: those with too few answers for a percentile are the worst ones, which
+// skipped or lost most. One that was cut off or failed may have too few for another reason.
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
   const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
   bool is_least = false;
   for (const auto* run : runs) {
     const auto& of = run->imported ? run->wake_up : run->round_trip;
-    if (of.count >= one_in) values.push_back(static_cast<double>(of[figure]));
+    if (of.count >= one_in)
+      values.push_back(static_cast<double>(of[figure]));
+    else if (statistics::is_complete(run->run))
+      return std::nullopt;
     is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
   }
   if (values.empty()) return std::nullopt;
@@ -135,10 +140,14 @@ struct Class {
   }
 };
 
+// Its file has none of its samples: only the client counted its messages.
+bool has_no_sample(const Summary* run) { return run->sent == 0 && run->run.outcome.counters.sent > 0; }
+
 std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant)(State)) {
   std::vector<Class> classes;
   for (const auto& entry : entries) {
     if (!is_meant(entry.row.state) || entry.row.cycles == 0) continue;
+    if (std::ranges::all_of(entry.runs, has_no_sample)) continue;
     const auto conditions = conditions_of(*entry.runs.front());
     auto same = std::ranges::find(classes, conditions, &Class::conditions);
     if (same == classes.end()) same = classes.insert(classes.end(), {conditions, {}});
@@ -216,8 +225,15 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   if (worst->conditions.is_listened) return sentence_of_listened(*worst);
   const auto within = in_time(classes);
   if (worst->high == 0) {
-    std::uint64_t cycles = 0;
-    for (const auto* entry : worst->entries) cycles += entry->row.cycles;
+    std::uint64_t cycles = 0, skipped = 0;
+    for (const auto& one : classes)
+      for (const auto* entry : one.entries) {
+        cycles += entry->row.cycles;
+        for (const auto* run : entry->runs) skipped += run->skipped_cycles;
+      }
+    if (skipped > 0)  // their wait ended in time, but by the answer to a message of another cycle
+      return fmt::format("{} messages had an answer {}, but {} of {} cycles had no message.",
+                         is_of_all ? "All" : "The", within, grouped(skipped), grouped(cycles));
     if (cycles == 1 && classes.size() == 1)
       return fmt::format("{} cycle had an answer {}.", is_of_all ? "The only" : "1", within);
     if (classes.size() == 1)
@@ -239,6 +255,19 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
                      contrast->range());
 }
 
+// By the notes that were taken when the runs were measured.
+std::string missed_requirements(const std::vector<Entry>& entries) {
+  std::size_t runs = 0, missed = 0;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs) {
+      ++runs;
+      missed += std::ranges::count(run->notes, gate::missed_note, &record::Note::kind) > 0 ? 1 : 0;
+    }
+  if (missed == 0) return "";
+  return runs == 1 ? " A requirement was missed."
+                   : fmt::format(" {} of {} runs missed a requirement.", missed, runs);
+}
+
 // --- cautions ---
 
 std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
@@ -256,9 +285,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   }
   const auto remarks = shared_remarks(runs);
   std::vector<std::string> cautions;
-  const auto add = [&](Remark::Weight weight) {
+  const auto add = [&](Remark::Weight weight, bool of_requirement = false) {
     for (const auto& remark : remarks) {
-      if (remark.weight != weight) continue;
+      if (remark.weight != weight || remark.is_of_requirement != of_requirement) continue;
       std::vector<std::size_t> places;
       for (const auto run : remark.runs)
         if (places.empty() || places.back() != row_of_run[run]) places.push_back(row_of_run[run]);
@@ -266,6 +295,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       cautions.push_back(all ? remark.text : name_of_some(names, places) + ": " + remark.text);
     }
   };
+  add(Remark::Weight::caution, true);  // the exit code tells of these
   add(Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
@@ -318,19 +348,22 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   Group runs;
   for (const auto& entry : entries) runs.insert(runs.end(), entry.runs.begin(), entry.runs.end());
   using Client = roundtrip::ClientOptions;
-  const auto common = [&](auto Client::*member, auto form) -> std::string {
+  const auto common = [&](const char* name, auto Client::*member, auto form) -> std::string {
     const auto first = runs.front()->run.asked.task.client.*member;
-    const bool same = std::ranges::all_of(
-        runs, [&](const auto* run) { return run->run.asked.task.client.*member == first; });
-    return same && first != decltype(first){} ? form(first) : "";
+    const bool same = std::ranges::all_of(runs, [&](const auto* run) {
+      const auto& asked = run->run.asked;
+      return asked.stated(name).is_number() && asked.task.client.*member == first;
+    });
+    return same ? form(first) : "";
   };
   std::vector<std::string> parts;
-  auto message = common(&Client::payload_bytes, size);
+  auto message = common("payload_bytes", &Client::payload_bytes, size);
   if (runs.front()->run.asked.task.client.schedule != roundtrip::Schedule::back_to_back)
-    if (const auto period = common(&Client::period, duration); !period.empty())
+    if (const auto period = common("period_us", &Client::period, duration); !period.empty())
       message += (message.empty() ? "every " : " every ") + period;
   if (!message.empty()) parts.push_back(message);
-  if (const auto time = common(&Client::duration, duration); !time.empty()) parts.push_back(time + " a run");
+  if (const auto time = common("duration_s", &Client::duration, duration); !time.empty())
+    parts.push_back(time + " a run");
   return join(parts, ", ");
 }
 
@@ -378,8 +411,12 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (all_ok) add_longer(found, entries);
   answer.conditions = common_conditions(entries);
   const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
-  if (std::ranges::any_of(entries,
-                          [](const Entry& entry) { return entry.runs.front()->run.asked.is_listened(); }))
+  const auto is_imported = [](const Entry& entry) { return entry.row.state == State::imported; };
+  if (std::ranges::all_of(entries, is_imported))
+    answer.times = "wake-up latencies";
+  else if (std::ranges::any_of(entries, [&](const Entry& entry) {
+             return is_imported(entry) || entry.runs.front()->run.asked.is_listened();
+           }))
     answer.times = "times";
   answer.cautions = cautions_of(entries);
 
@@ -391,8 +428,11 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (!std::ranges::all_of(classes, is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
-    answer.sentence = imported ? "Imported: wake-up latencies of another tool, no messages."
-                               : "Nothing was measured. No message was sent.";
+    std::uint64_t cycles = 0;
+    for (const auto& row : answer.rows) cycles += row.cycles;
+    answer.sentence = cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
+                      : imported ? "Imported: wake-up latencies of another tool, no messages."
+                                 : "Nothing was measured. No message was sent.";
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
@@ -409,6 +449,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
       found.to = contrast->entries.front()->runs.front();
     }
   }
+  answer.sentence += missed_requirements(entries);
   answer.next = next_steps(found, origin);
   return answer;
 }

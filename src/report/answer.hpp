@@ -35,7 +35,8 @@ struct Answer {
     // The longest that a cycle waited for its answer. `is_open`: no answer ended it.
     std::optional<double> worst_wait_ns;
     bool is_open = false;
-    std::optional<Spread> p50, p99;  // of round trips; of imported runs wake-ups
+    // Of round trips; of imported runs wake-ups. Nothing: a repetition has too few.
+    std::optional<Spread> p50, p99;
     std::optional<double> max_ns;
   };
   struct Step {

@@ -52,6 +52,8 @@ constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
 constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
                                        "--transports", "--duration", "--explain"};
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
+constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only", "--transports",
+                                                "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
 
 // The wanted options of the scenario's command line, with their values; and all options of the lab.
@@ -85,16 +87,22 @@ std::vector<std::string> again(const Summary& run, Options wanted) {
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
   if (std::ranges::find(words, "--pcap") != words.end()) return {};  // a capture gets no longer
+  const auto is_dropped = [&](const std::string& option) {
+    constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full"};
+    const auto chosen = option == "--for" ? std::string_view("--duration") : std::string_view(option);
+    return is_one_of(option, of_output) ||
+           ((chosen == "--duration" || chosen == "--explain") && !is_one_of(chosen, wanted));
+  };
   std::vector<std::string> kept = {"ontime"};
-  constexpr std::string_view replaced[] = {"--results", "--format", "--duration", "--for", "--output"};
   for (std::size_t i = 1; i < words.size(); ++i) {
     const auto option = name_of_option(words[i]);
-    if (is_one_of(option, replaced))
-      i += option == words[i] ? 1 : 0;
-    else if (option != "--explain" && option != "--full")
+    if (!is_dropped(option)) {
       kept.push_back(words[i]);
-    else if (i + 1 < words.size() && (words[i + 1] == "on" || words[i + 1] == "off"))  // ping's --explain
-      ++i;
+      continue;
+    }
+    if (option != words[i] || option == "--full") continue;  // no value follows
+    const bool has_value = i + 1 < words.size() && (words[i + 1] == "on" || words[i + 1] == "off");
+    if (option != "--explain" || has_value) ++i;
   }
   return kept;
 }
@@ -135,7 +143,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     else if (by_scenario && can_be_named(id))
       add("Why late", with(again(*found.any, of_the_link), {"--only", id, "--explain"}), true);
     else
-      add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
+      add("Why late", with(again(*found.any, without_explain), {"--explain", "--results", "why.ontime"}),
+          true);
   }
   if (found.from != nullptr && found.to != nullptr && !origin.file.empty()) {
     auto from = word(found.from->run.asked.id), to = word(found.to->run.asked.id);
@@ -153,7 +162,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   if (!origin.file.empty())
     add("All tables", {"ontime", "report", origin.file, "--full"});
   else if (!listened)
-    add("All tables", with(words, {"--full"}));
+    add("Again, all tables", with(words, {"--full"}));  // measures anew: no samples were kept
   return steps;
 }
 

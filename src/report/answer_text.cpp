@@ -16,7 +16,8 @@ using nlohmann::ordered_json;
 using Row = Answer::Row;
 using State = Answer::State;
 
-constexpr std::size_t most_cautions = 3, lines_of_a_caution = 2;
+constexpr std::size_t most_cautions = 3;
+constexpr std::size_t fewest_lines = 2, most_lines = 6;  // of a caution
 
 std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
   if (!spread) return nothing;
@@ -101,10 +102,13 @@ std::size_t lines_in(const std::string& text, std::size_t width) {
   return lines;
 }
 
-std::string caution_of(const std::string& caution, std::size_t width) {
+std::string cautions_of(const Answer& answer, std::size_t width, std::size_t lines) {
   constexpr std::size_t heading = sizeof("Caution: ");
-  const auto room = lines_of_a_caution * (width - 2) - std::min(heading + 8, width);
-  return wrapped("Caution: " + shortened(printable(caution), room), width);
+  const auto room = lines * (width - 2) - std::min(heading + 8, width);
+  std::string text;
+  for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
+    text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
+  return text;
 }
 
 ordered_json ms(const std::optional<double>& ns) { return ns ? ordered_json(*ns / 1e6) : ordered_json(); }
@@ -138,13 +142,16 @@ std::string text_of(const Answer& answer, std::size_t width) {
   text += wrapped(
       printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + answer.times + " in ms"),
       width);
-  std::string rest;
-  for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
-    rest += caution_of(answer.cautions[i], width);
-  rest += steps_text(answer.next, width);
-
   constexpr std::size_t header = 2, note = 1;
-  const auto taken = lines_in(text, width) + lines_in(rest, width) + header;
+  const auto steps = steps_text(answer.next, width);
+  std::string rest;
+  std::size_t taken = 0;
+  // The fix stands at the end of a caution: it is cut only where rows need the lines.
+  for (auto lines = most_lines; lines >= fewest_lines; --lines) {
+    rest = cautions_of(answer, width, lines) + steps;
+    taken = lines_in(text, width) + lines_in(rest, width) + header;
+    if (taken + answer.rows.size() <= screen_lines) break;
+  }
   const std::size_t free = taken + 3 < screen_lines ? screen_lines - taken : 3;
   const auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
   auto table = table::as_text({.tables = {table_of(answer.rows, worst_of(answer.rows, most), width)}}, width);

@@ -155,14 +155,21 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
 
 void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   std::vector<const record::Note*> notes;
-  for (const auto& note : summary.notes) notes.push_back(&note);
+  for (const auto& note : summary.notes)
+    if (!note.kind.starts_with("search")) notes.push_back(&note);  // by these a search of settings resumes
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
-  for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
+  const auto is_of_requirement = [](const auto* note) {
+    return note->kind == gate::missed_note || note->kind == gate::open_note;
+  };
+  std::ranges::stable_partition(notes, is_of_requirement);
+  for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
-  if (summary.notes.size() > most_notes)
-    remarks.push_back({Weight::detail, many(summary.notes.size() - most_notes, "more note", "more notes")});
+    remarks.back().is_of_requirement = is_of_requirement(notes[i]);
+  }
+  if (notes.size() > most_notes)
+    remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.
@@ -238,7 +245,11 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
     if (number > 0)
       remarks.push_back({weight, fmt::format("{}: {{}}", what), static_cast<double>(number), number_text});
   };
-  count(Weight::detail, "skipped cycles", summary.skipped_cycles);
+  // Where late answers caused them, the late cycles are as many, and the table shows them.
+  const bool is_slower =
+      summary.skipped_cycles > summary.late_by_response.value_or(summary.late + summary.lost);
+  count(is_slower ? Weight::caution : Weight::detail,
+        is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses_text(outcome, &record::Losses::on_the_way, "to"); !text.empty())
@@ -306,14 +317,14 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
       const auto low = remark.shown(*remark.amount), high = remark.shown(most);
       text = replace_all(text, "{}", low == high ? low : fmt::format("{} to {}", low, high));
     }
-    shared.push_back({remark.weight, std::move(text), std::move(of)});
+    shared.push_back({remark.weight, std::move(text), std::move(of), remark.is_of_requirement});
   }
   return shared;
 }
 
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group& runs) {
   std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
-  for (const auto& [weight, text, of] : shared_remarks(runs)) entry_of(notes, of).push_back(text);
+  for (const auto& remark : shared_remarks(runs)) entry_of(notes, remark.runs).push_back(remark.text);
   std::vector<std::string> lines;
   lines.reserve(notes.size());
   for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));

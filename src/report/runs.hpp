@@ -57,6 +57,7 @@ struct Remark {
   std::string text;  // "{}" stands for the amount, where there is one
   std::optional<double> amount = {};
   std::string (*shown)(double) = nullptr;
+  bool is_of_requirement = false;  // that the run missed, or could not be judged by
 };
 std::vector<Remark> remarks_of(const statistics::Summary&);
 std::string remarks(const statistics::Summary&);  // in one text; empty if there is none
@@ -74,6 +75,7 @@ struct SharedRemark {
   Remark::Weight weight;
   std::string text;
   std::vector<std::size_t> runs;
+  bool is_of_requirement;
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);

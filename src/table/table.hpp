@@ -17,7 +17,7 @@ namespace ontime::table {
 // comes from elsewhere: a results file, the network. The forms of tables pass all their text through it.
 std::string printable(const std::string& text);
 std::string printable_lines(const std::string& text);  // its lines stay lines
-// Its first so many characters, with "…" where there are more.
+// What fits so many columns of a terminal, with "…" where there is more.
 std::string shortened(const std::string& text, std::size_t most);
 
 std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal

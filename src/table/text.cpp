@@ -66,9 +66,10 @@ std::string printable(const std::string& text) {
   return result;
 }
 
+// fmt knows which letters take two columns, and fills a text to a width. No text has fewer bytes than
+// columns.
 std::size_t width_of(const std::string& text) {
-  return static_cast<std::size_t>(
-      std::ranges::count_if(text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+  return 2 * text.size() - fmt::formatted_size("{:<{}}", text, text.size());
 }
 
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
@@ -87,8 +88,14 @@ std::string wrapped(const std::string& paragraph, std::size_t width, const std::
 }
 
 std::string shortened(const std::string& text, std::size_t most) {
-  const auto beginning = fmt::format("{:.{}}", text, most);  // fmt counts code points
-  return beginning.size() < text.size() ? beginning + "…" : text;
+  std::size_t end = 0;
+  for (std::size_t width = 0; end < text.size();) {
+    const auto length = std::max<std::size_t>(first_of(std::string_view(text).substr(end)).length, 1);
+    width += width_of(text.substr(end, length));
+    if (width > most) return text.substr(0, end) + "…";
+    end += length;
+  }
+  return text;
 }
 
 std::string many(std::uint64_t number, const char* one, const char* several) {

@@ -51,7 +51,7 @@ std::string head_of(const Progress& progress) {
                           table::shortened(table::printable(asked.id), gate::longest_id));
   for (const auto& part : {asked.variant, asked.task.transport})
     if (!part.empty()) text += " " + table::printable(part);
-  if (asked.repetition > 1) text += fmt::format(" ×{}", asked.repetition);
+  if (asked.repetition > 1) text += fmt::format(" #{}", asked.repetition);
   if (!progress.samples_wait) {
     // The last message of a complete run was due a period before the run's end.
     const bool is_complete = outcome.has_ended() && !outcome.interrupted && !outcome.error;
