@@ -35,11 +35,11 @@ enum class Kind : std::uint8_t {
   sent,      // a packet leaves the queue of an interface
   received,  // a packet has come over an interface
   dropped,   // a packet is dropped; `what`: the kernel's reason, else the function that dropped it, "":
-            // neither is known
-  signal,  // `thread` is sent one by `other`; `what`: its number
-  waits,   // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
-           // it is in, the innermost first, "" where they are hidden
-  moved,   // `thread` is to run on another CPU from now on; `what`: its number
+             // neither is known
+  signal,    // `thread` is sent one by `other`; `what`: its number
+  waits,  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
+          // it is in, the innermost first, "" where they are hidden
+  moved,  // `thread` is to run on another CPU from now on; `what`: its number
   reclaim,  // `thread` needs memory, and begins to free some itself
   reclaim_end,
   freeze,  // `thread` freezes the control group `what` (version 2)
