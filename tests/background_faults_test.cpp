@@ -47,7 +47,7 @@ class LinkFaults : public testing::Test {
       char message[100] = {};
       for (int i = 0; i < datagrams; ++i) {
         EXPECT_EQ(sendto(fd, message, sizeof message, 0, address, sizeof self), ssize_t{sizeof message})
-            << "what is lost on the way is sent all the same";
+            << "sending succeeds although the link loses the datagram";
         while (recv(fd, message, sizeof message, 0) > 0) ++came;
       }
       close(fd);

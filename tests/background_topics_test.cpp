@@ -72,10 +72,10 @@ void check(BackgroundTopics& background) {
 void run_background(BackgroundTopics& background) {
   require(eventually([&] { return background.matched(); }), "they match");
   background.start();
-  std::this_thread::sleep_for(1s);  // the other end may match later, and what was sent before is not for it
+  std::this_thread::sleep_for(1s);  // the peer may match later, and does not get earlier messages
   background.go();
   std::this_thread::sleep_for(2 * duration);
-  require(eventually([&] { return background.counters().received > 0; }), "the other end's came");
+  require(eventually([&] { return background.counters().received > 0; }), "messages of the peer arrived");
   check(background);
 }
 

@@ -227,7 +227,7 @@ void drop_datagrams_above(std::uint32_t bytes) {
 
 TEST_P(DdsReader, TellsWhatWasLostOnTheWay) {
   if (GetParam().transport == std::string("opendds") && GetParam().reliability == Reliability::reliable)
-    GTEST_SKIP() << "a reliable writer of OpenDDS 3.13 keeps what is not acknowledged, and gives none up";
+    GTEST_SKIP() << "a reliable writer of OpenDDS 3.13 keeps unacknowledged messages, and gives none up";
   Process serving([&](const auto& await_end) { serve_many(await_end); });
   EXPECT_EQ(in_own_process([&] {
               Held sink;

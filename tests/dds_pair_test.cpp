@@ -157,7 +157,7 @@ TEST_P(Dds, AnIncompatibleQosIsSeen) {
               End end(GetParam(), demanding, answers);
               const std::string expected = "a writer of rt/pong offers best-effort, ontime requests reliable";
               require(eventually([&] { return end->seen() == expected; }), "seen: " + end->seen());
-              require(!end->matched().both(), "matched all the same");
+              require(!end->matched().both(), "matched despite the QoS");
             }),
             "");
 }
@@ -207,7 +207,7 @@ TEST_P(Dds, ItsThreadsAreToldWhereTheKernelDoesNotTell) {
               const auto told = roles();
               prctl(PR_SET_DUMPABLE, 0);
               std::string word;
-              require(!(std::ifstream("/proc/self/syscall") >> word), "the kernel tells all the same");
+              require(!(std::ifstream("/proc/self/syscall") >> word), "the kernel still shows it");
               require(roles() == told, "other roles");
               for (const auto& [tid, role] : told) require(role != "unknown", "a role is unknown");
             }),

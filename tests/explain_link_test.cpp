@@ -22,7 +22,7 @@ TEST_P(Links, MessageLostWhileALinkIsTakenDownIsLinkDown) {
   down("component", due - 49 * ms, due + 50 * ms, true);
   const auto part = first(message(lost()));
   EXPECT_EQ(part.cause, Cause::link_down);
-  EXPECT_EQ(part.end, "component") << "the other end has no carrier because of it";
+  EXPECT_EQ(part.end, "component") << "the controller lost its carrier because of it";
   EXPECT_EQ(sentence_of(part), "the link was down at pong's side: to-controller was taken down");
 }
 

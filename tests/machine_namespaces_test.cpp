@@ -197,7 +197,7 @@ TEST_F(Namespaces, TellWhenTheirLinkIsDown) {
     }
     const auto taken = other->downs().back(), without = own->downs().back();
     EXPECT_TRUE(taken.taken);
-    EXPECT_FALSE(without.taken) << "the other end has no carrier meanwhile";
+    EXPECT_FALSE(without.taken) << "the peer has no carrier meanwhile";
     EXPECT_LT(taken.from_ns, taken.to_ns);
   }
   ip({"-netns", ends[1].name, "link", "delete", ends[1].interface});

@@ -214,7 +214,7 @@ TEST_F(RecordTest, Format2IsReadAndTakesTraces) {
     std::int64_t round_trip = 0;
     for (const auto& sample : samples_of(reader, 2)) round_trip += sample.received_ns - sample.sent_ns;
     EXPECT_EQ(round_trip, 1'444'661);
-    reader.each_trace(2, [](const auto&) { FAIL() << "there are none"; });
+    reader.each_trace(2, [](const auto&) { FAIL() << "unexpected trace"; });
   };
   expect_as_measured(Reader(path_));
   EXPECT_EQ(query(path_, "PRAGMA user_version"), "2");

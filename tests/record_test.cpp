@@ -31,7 +31,7 @@ TEST_F(RecordTest, AForgottenRunWasNeverThere) {
 
 TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   std::mt19937_64 random(20240607);
-  // As far as times can be; 0 says that there is none.
+  // Any possible time; 0 means that the time is missing.
   const auto any_time = [&]() -> std::int64_t {
     constexpr std::int64_t most = std::int64_t{1} << 60;
     switch (random() % 4) {
@@ -234,7 +234,7 @@ TEST_F(KeyTest, MeaningTheSameIsTheSame) {
   EXPECT_EQ(key_of(with(
                 {{"something", ""}, {"more", {{"nested", nlohmann::json::array()}}}, {"qos", {{"x", {}}}}})),
             key)
-      << "what is empty, and what is not there";
+      << "empty and missing fields give the same key";
   EXPECT_EQ(key_of(with({{"ping_topic", "/ping"}, {"pong_topic", "/pong"}})), key)
       << "what it was before it could be chosen";
   EXPECT_EQ(

@@ -134,11 +134,11 @@ TEST(TableFormat, ShowsAWorstCaseOrWhyItIsRefused) {
   const auto both = render({one, other}, Format::table);
   EXPECT_THAT(both, HasSubstr("all runs: no extrapolated worst case"));
   EXPECT_EQ(both.find("it drifts"), both.rfind("it drifts")) << "once";
-  one.extremes.maxima->refused = "it lies ill (Anderson-Darling, p = 0.01)";
-  one.extremes.peaks->refused = "it lies ill (Anderson-Darling, p = 0.0025)";
+  one.extremes.maxima->refused = "it fits badly (Anderson-Darling, p = 0.01)";
+  one.extremes.peaks->refused = "it fits badly (Anderson-Darling, p = 0.0025)";
   const auto alike = render({one}, Format::table);
-  EXPECT_THAT(alike, HasSubstr("it lies ill"));
-  EXPECT_EQ(alike.find("it lies ill"), alike.rfind("it lies ill")) << "once";
+  EXPECT_THAT(alike, HasSubstr("it fits badly"));
+  EXPECT_EQ(alike.find("it fits badly"), alike.rfind("it fits badly")) << "once";
 }
 
 TEST(TableFormat, ShowsEachStageOfAResponse) {

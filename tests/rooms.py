@@ -8,7 +8,7 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SRC = ROOT / "src"
-# Beside the header that has the room's name, what others may include of a room.
+# The headers that other modules may include, beside the one with the module's name.
 SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "transport/shipped.hpp", "roundtrip/sample.hpp", "roundtrip/clocks.hpp",
          "orders/frames.hpp", "realtime/privileges.hpp", "background/child.hpp", "machine/proc.hpp", "settings/file.hpp", "conditions/around.hpp",
          "listen/budget.hpp", "listen/misses.hpp", "listen/rows.hpp", "listen/sequence.hpp", "record/document.hpp", "report/answer.hpp", "report/comparison.hpp", "report/conditions.hpp", "report/explained.hpp",

@@ -607,7 +607,7 @@ TEST(Boot, ScriptFindsKernelThreadsByTheirWholeName) {
   if (found("kthreadd|ksoftirqd/0") == 0) GTEST_SKIP() << "the kernel's threads are not to be seen from here";
   in_child([&] {
     prctl(PR_SET_NAME, "ksoftirqd/0");
-    EXPECT_EQ(found("ksoftirqd/0"), 1) << "and not who calls himself so";
+    EXPECT_EQ(found("ksoftirqd/0"), 1) << "a process with that name is not counted";
     EXPECT_EQ(found("softirqd/0"), 0);
   });
 }

@@ -378,7 +378,7 @@ bool keep_only(std::initializer_list<unsigned> capabilities) {
   return syscall(SYS_capset, &head, kept.data()) == 0;
 }
 
-// The socket is to be had then, and what comes after it is not.
+// The socket can then be opened, but the calls after it are denied.
 TEST_P(Xdp, NamesTheMissingPermission) {
   const auto wants =
       AllOf(HasSubstr("no permission for"), HasSubstr("root"), HasSubstr("CAP_NET_ADMIN and CAP_BPF"));

@@ -15,7 +15,7 @@
 //                      with bytes, until finished {counters, waited_bytes}; of background topics nothing
 //   stop  {}           none; a client's `finished` comes sooner
 //   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered,
-//                      background topics}
+//                      `neighbours`}: the last is the account of background topics
 //
 // `ssh` (default false): whether events go out by ssh. Then ssh_link is {interface, shared}: the interface of
 // ssh here (null: unknown), and whether the messages use it too, or may. If so, samples wait for the end of

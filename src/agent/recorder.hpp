@@ -42,7 +42,7 @@ class Recorder {
 
   roundtrip::Client& client_;
   orders::Events& events_;
-  const std::size_t patience_;  // so many samples may wait
+  const std::size_t patience_;  // number of samples that may wait
   std::vector<roundtrip::Sample> batch_;
   File waiting_;  // null: samples do not wait, or no longer
   std::size_t waited_bytes_ = 0;

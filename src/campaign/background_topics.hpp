@@ -16,7 +16,7 @@ namespace ontime::campaign {
 // The task of an end for background topics in a process of their own: without real-time settings.
 agent::Task of_their_own(agent::Task);
 
-// From a run's outcome (`background` of its hosts), for each direction: {sent, received, lost, refused,
+// From a run's outcome (`neighbours` of its hosts), for each direction: {sent, received, lost, refused,
 // skipped_cycles, strays, overruns, short}. `short`: less than 95 % of the requested messages (in that
 // duration, if the run was not stopped) were sent or arrived, or over 5 % of the callbacks took longer than
 // their share of the period.

@@ -30,10 +30,10 @@ using namespace scenario;
 using orders::Error;  // of carrying out; what is wrong with a scenario is a scenario::Error
 
 using conditions::asked;
-// The record of each, with the conditions in which the runs at the same time differ from it.
+// The record of each run. It also holds the conditions of the other runs at the same time, where they differ.
 std::vector<nlohmann::json> asked(const Together&, const Hosts&);
 
-// Told of what happens while it happens.
+// Gets a call for each event, as it happens.
 class Observer {
  public:
   virtual ~Observer() = default;
@@ -59,8 +59,8 @@ using Done =
     std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;
 
 // Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
-// (the others are still carried out), or 130. What was changed on the hosts is taken back when it
-// returns or throws.
+// (the others are still carried out), or 130. Changes on the hosts are undone when it returns or
+// throws.
 int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line,
             const Done& done = {});
 
@@ -76,7 +76,7 @@ class Look {
   // Why a host cannot have this value of this key in the scenario's first run, for people; "": all can, or
   // only a run shows it.
   std::string why_not(const std::string& key, const std::string& value) const;
-  int most_cpus() const;  // online, of the machine that has most
+  int most_cpus() const;  // the highest number of online CPUs of a machine
   // By host: the interface of its messages; empty if the interfaces are created for the runs.
   std::map<std::string, settings::Link> links() const;
 
@@ -85,11 +85,11 @@ class Look {
   std::unique_ptr<Parts> parts_;
 };
 
-// One end by hand, on this host. A run that ends before its first message is not recorded.
+// The client alone, on this host. A run that ends before its first message is not recorded.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
-// Serves until interrupted. `told` is called with its record once it serves. `closed` receives what is to be
-// kept, also if this throws.
+// Serves until interrupted. `told` is called with its record once it serves. `closed` receives the result,
+// also if this throws.
 int pong(const Run&, Observer&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
          nlohmann::json& closed);
 

@@ -90,7 +90,7 @@ class Machines {
  private:
   struct Machine {
     Host where;                // as stated
-    std::unique_ptr<Ssh> ssh;  // longer than all that is started by it
+    std::unique_ptr<Ssh> ssh;  // outlives everything that it starts
     std::unique_ptr<Hand> keeper;
     nlohmann::json description;
     std::vector<std::string> hosts;
@@ -100,7 +100,7 @@ class Machines {
     std::string host, name, interface;
     background::Faults faults;
     std::optional<Cut> cut;
-    std::string component;  // whose link it is; "": of all
+    std::string component;  // the component of the link; "": all
     std::vector<int> traffic_ports{};
     bool by_ip = false;  // messages are counted by IP, apart from the traffic
   };

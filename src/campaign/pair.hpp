@@ -51,7 +51,7 @@ class Pair {
     std::string host, role;
     std::unique_ptr<Hand> agent;
     nlohmann::json opened, ended;
-    bool again = false;  // it was started again, while the client measured
+    bool again = false;  // restarted while the client measured
   };
   End open(const std::string& host, agent::Task);
   nlohmann::json ask(const End&, const char* order, const char* answer, nlohmann::json body,
@@ -75,7 +75,7 @@ class Pair {
   Clock::time_point sampled_;  // when samples came last
   int pongs_ = 1;              // that answer
   bool measuring_ = false;
-  std::optional<Clock::time_point> gone_;  // when its component was found to be
+  std::optional<Clock::time_point> gone_;  // when its component was found to be gone
   roundtrip::Counters counters_;
   std::optional<nlohmann::json> finished_;
 };

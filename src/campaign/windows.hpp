@@ -46,7 +46,8 @@ class Windows {
   const std::chrono::nanoseconds deadline_;
   const std::uint64_t first_message_;  // the number of its first message among all runs
   roundtrip::Clocks clocks_;
-  std::array<std::set<Chosen>, 3> chosen_;  // by fate, those late by response as late; the least bad first
+  std::array<std::set<Chosen>, 3>
+      chosen_;  // by fate (a late response time counts as late); the least bad first
   std::map<std::uint64_t, trace::Span> wanted_;
   std::multimap<std::uint64_t, record::Trace> traces_;
   std::size_t awaited_ = 0;

@@ -10,7 +10,7 @@
 
 namespace ontime::conditions {
 
-// Workers of stress-ng, as the paper's `stress`; 0: none of that kind.
+// Workers of stress-ng, as the paper's `stress`; 0: no worker of that kind.
 struct Workers {
   int cpu = 0;                  // --cpu
   int vm = 0;                   // --vm

@@ -26,10 +26,10 @@ namespace ontime::conditions {
 // "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
 std::chrono::nanoseconds duration_of(const std::string& text);
 // A duration that is positive and at most `most`.
-constexpr std::chrono::hours longest_duration{1000};  // whose messages can be numbered at the least period
+constexpr std::chrono::hours longest_duration{1000};  // at the minimum period, message numbers still suffice
 std::chrono::nanoseconds positive_duration(const std::string& text,
                                            std::chrono::hours most = longest_duration);
-std::string text_of(std::chrono::nanoseconds);  // the way back, in the largest unit that makes it whole
+std::string text_of(std::chrono::nanoseconds);  // the inverse, in the largest unit that gives a whole number
 // "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
 std::uint64_t bytes_of(const std::string& text);
 // "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.
@@ -44,7 +44,7 @@ std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t
 // Why a run cannot have this id, for people; empty: it can.
 std::string flaw_of_id(const std::string& id);
 
-// The settings of one process. Without them everything stays as it is born: SCHED_OTHER, pageable.
+// The settings of one process. The defaults change nothing: SCHED_OTHER, pageable memory.
 struct RealtimeSettings {
   bool on = false;
   bool lock_memory = false;
@@ -52,14 +52,15 @@ struct RealtimeSettings {
   std::map<std::string, realtime::ThreadSettings> threads;  // by role
 };
 
-// One end of one run. With background topics in another process it is that process: only they are opened.
+// The client or the server of one run. For background topics in another process: that process, which opens
+// only these topics.
 struct Task {
   std::string transport;
   transport::Config config;  // the agent finds `address`; `fifo_priority` follows from `realtime`
   roundtrip::ClientOptions client;
   roundtrip::BackgroundOptions background;
   RealtimeSettings realtime;
-  bool count_instructions = false;  // of each thread; switching between threads takes a little longer with it
+  bool count_instructions = false;  // of each thread; makes thread switches a little slower
 };
 
 // One measurement, with all its conditions.
@@ -72,21 +73,21 @@ struct Run {
   // `variant` as pairs of key and value.
   std::vector<std::pair<std::string, std::string>> varied;
   std::string adds_to;               // the id of the layer below, where the runs of a session are layers
-  std::vector<std::string> require;  // what must hold at the end: gates, checked as such
+  std::vector<std::string> require;  // gates that the run must pass
   // The key that a search raises, and which of its values this is; no key: the run is no step of a search.
   struct Step {
     std::string key, value;
     int number = 0, of = 0;  // from 0
-    std::string among;       // `variant` without the key: what tells this search from others of the same id
+    std::string among;       // `variant` without the key: differs between searches of the same id
   } step;
   int repetition = 1;
   Task task;  // the client's; the server's follows from it
   Workers controller_load, component_load;
   Traffic traffic;
-  bool describes_background = false;  // another key of theirs than `topics` is set
-  bool explain = false;               // keep what the kernels did around late and lost messages
+  bool describes_background = false;  // a key of background topics other than `topics` is set
+  bool explain = false;               // keep the kernels' events around late and lost messages
   Faults faults;                      // of either end
-  std::optional<Cut> cut;             // for which `faults` has to provide
+  std::optional<Cut> cut;             // needs `faults` to be prepared on the link
   settings::Wishes kernel;            // of both machines
   Isolation isolation;                // of both machines, for both ends
   Listening listening;                // on this machine
@@ -94,9 +95,9 @@ struct Run {
   std::map<std::string, std::string> component_options;
   Security security = Security::off;    // of DDS, at both ends
   bool component_restart = false;       // if it dies while the controller measures
-  std::string component = "component";  // the name of the one that answers
-  std::vector<Run> own;  // the conditions of each component that has some of its own, each whole
-  std::string beside;    // what varies only for other components, which are measured at the same time
+  std::string component = "component";  // the name of the component with the server
+  std::vector<Run> own;                 // all conditions of each component with conditions that differ
+  std::string beside;  // varied values of other components that are measured at the same time
 
   // As stated; scenario::complete() fills `task` from these.
   std::optional<int> domain;  // nothing: ROS_DOMAIN_ID, or 0
@@ -104,14 +105,14 @@ struct Run {
   bool realtime_refused = false;  // "realtime: off" was stated: realtime.* settings have no effect
 };
 
-// A field of a run. Those with a path can be said in a scenario, those with `json` are in records and orders.
+// A field of a run. Fields with a path are keys of scenarios; fields with `json` are in records and orders.
 struct Field {
   std::string path;    // in a scenario: "qos.depth"; "": only in records
   std::string flag;    // of `ontime ping` and `ontime pong`: "--depth"; empty: none
   std::string values;  // for people: "1 …"
   std::string help;
   enum class For { client, both } end = For::client;
-  // In tables and labels, around its value: "every {}"; "": its group has words for it, or it needs none.
+  // In tables and labels, around its value: "every {}"; "": its group words it, or the value alone is clear.
   std::string phrase{};
   enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
@@ -119,13 +120,13 @@ struct Field {
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
   std::function<nlohmann::json(const Run&)> to_json{};           // null: not written
   std::function<void(Run&, const nlohmann::json&)> from_json{};  // throws std::exception; never gets null
-  std::vector<std::string> parts{};  // what it sets in a record, if it has no `json` of its own there
+  std::vector<std::string> parts{};  // JSON names that it sets in a record, if `json` is empty
 };
 using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
-const std::vector<Key>& keys();  // those that can be said
-// The name of a key in this version: "background.rate" for "background.rate". Earlier names are still read.
+const std::vector<Key>& keys();  // all fields with a path
+// The current name of a key: "background.rate" for the earlier "neighbours.rate", which is still read.
 std::string current_key(const std::string& key);
 
 // The JSON form of a run, in orders and in records: docs/reference/json.md lists its names.
@@ -137,7 +138,7 @@ Run run_of_record(const nlohmann::json&);
 // The record's value of the field of this name; null: it has none.
 const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
 
-// Where a record has what a scenario calls `key`, or what the record itself calls so.
+// Where a record stores the scenario's key `key`, or the record's field of that name.
 std::vector<nlohmann::json::json_pointer> places_of(const std::string& key);
 
 // The least priority of the threads that a message passes through; 0: of SCHED_OTHER.
@@ -148,31 +149,31 @@ const char* word_of(transport::Reliability);
 const char* word_of(transport::History);
 const char* word_of(transport::Durability);
 
-// Where the two ends are. The prefixes are words put before a command, which run as a program, on this
-// machine or, where there is `ssh`, on that one.
+// Where the client or the server runs. The prefixes are put before each command. The commands run on this
+// machine, or, with `ssh`, on that one.
 struct Host {
-  std::string ssh;                       // what OpenSSH's client is told to connect to: "robot", "user@host"
-  std::vector<std::string> host_prefix;  // commands that reach the machine: {"sudo", "-n"}; empty: none
+  std::string ssh;                          // destination for OpenSSH's client: "robot", "user@host"
+  std::vector<std::string> host_prefix;     // commands that reach the machine: {"sudo", "-n"}; empty: none
   std::vector<std::string> command_prefix;  // where the end runs on it: {"ip", "netns", "exec", "left"}
-  std::string program;  // ontime on that machine; empty: as it is called here, or there by ssh
+  std::string program;                      // ontime on that machine; empty: this program, by ssh "ontime"
   std::string interface;
   std::string address;
-  std::string port{};  // of a controller's bridge, the one that leads here; "": it has no bridge
+  std::string port{};  // port of the controller's bridge that leads to this host; "": no bridge
 };
 struct Hosts {
   // alone: the controller only, on this machine; another program serves
   enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
-  Host controller;  // filled in for `stated`, as are these; for `namespaces` with a cable, the interfaces
+  Host controller;  // set for `stated`, like `components`; for `namespaces` with a cable: the interfaces
   struct Component {
     std::string name;
     Host host;
   };
   std::vector<Component> components{
-      {"component", {}}};                         // one without a name in the scenario, or the named ones
+      {"component", {}}};                         // one without a name, or those that the scenario names
   const Host& at(const std::string& name) const;  // of the controller, or of a component
   Host& at(const std::string& name);
   Wire wire;  // between two `namespaces`
-  // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
+  // Copy this program with these transports to hosts reached by ssh. Nothing: ontime is installed there.
   std::optional<std::set<std::string>> deploy;
 };
 const char* word_of(Hosts::Kind);  // alone: ""

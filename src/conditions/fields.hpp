@@ -136,7 +136,7 @@ inline Codec<double> share(std::function<double(Text)> of_text = share_of) {
   return {std::move(of_text), as_is<double>, finite, "PERCENT", Field::Unit::share};
 }
 
-// A time that JSON has in units of so many ns: µs, s.
+// A time that JSON gives in a unit of µs or s.
 inline constexpr double us = 1e3, s = 1e9;
 inline std::chrono::nanoseconds time_from(Json from, double unit_ns) {
   const auto value = static_cast<long double>(finite(from)) * unit_ns;  // exact for what can be asked

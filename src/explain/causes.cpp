@@ -87,7 +87,8 @@ const Row rows[] = {
     {Cause::dropped, "dropped", "the packet was dropped at {0}; the kernel gives no reason",
      "the packet was dropped at {0} ({1})"},
     {Cause::unreachable, "unreachable", none, "the packet could not be sent at {0}: {1}",
-     "an interface was down or lost its address, here or at the other end: ip route get ADDRESS, ip neigh"},
+     "an interface of the sender or the receiver was down or lost its address: ip route get ADDRESS, ip "
+     "neigh"},
     {Cause::link_down, "link-down", none, "the link was down at {0}: {1}",
      "check the cable and the driver, and what takes the interface down: ip monitor link, journalctl -k"},
     {Cause::unknown, "unknown", "unknown: no kernel event shows the cause"}};
@@ -119,13 +120,13 @@ const Drop drops[] = {
     {"PROTO_MEM", "raise net.ipv4.udp_mem: all sockets of the machine together are out of memory"},
     {"QDISC", "the interface's queue was full, or its rate limit was reached: tc -s qdisc"},
     {"TC_", "a filter dropped it: tc filter show"},
-    {"NO_SOCKET", "no socket was open there: check that the program at the other end runs"},
+    {"NO_SOCKET", "no socket was open there: check that the receiving program runs"},
     {"CPU_BACKLOG",
      "raise net.core.netdev_max_backlog",
      {{"kernel.ksoftirqd", "above the priority of the threads that keep it from its CPU"}}},
-    {"DEV_READY", "the interface at the other end was down: ip link"},
+    {"DEV_READY", "the receiving interface was down: ip link"},
     {"__dev_forward_skb",
-     "the interface at the other end was down, or its MTU is smaller than the packet: ip link"}};
+     "the receiving interface was down, or its MTU is smaller than the packet: ip link"}};
 
 constexpr std::string_view softirqs_of_network[] = {"NET_RX", "NET_TX"},
                            softirqs_of_others[] = {"HI",      "TIMER", "BLOCK",   "IRQ_POLL",

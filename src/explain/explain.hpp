@@ -18,7 +18,7 @@
 
 namespace ontime::explain {
 
-// A message's way; from `left` to `delivered` it goes twice, there and back.
+// The stages of a message. It passes `left` to `delivered` twice: on the request leg and on the reply leg.
 enum class Stage { woke, sent, left, queued, travelled, delivered, answered };
 const char* word_of(Stage);
 

@@ -35,7 +35,7 @@ struct End {
 
 // A sent packet is queued or dropped within this time.
 inline constexpr std::int64_t before_queue_ns = 1'000'000;
-// For this long after a link was down, neighbours may have to be found again (ARP tries once a second).
+// For this long after a link was down, ARP may have to find the peer again (it tries once a second).
 inline constexpr std::int64_t forgotten_ns = 3'000'000'000;
 
 // The minimum size of a message's first packet.

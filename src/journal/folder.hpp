@@ -44,14 +44,14 @@ class Folder {
  public:
   // Throws Error if other users can change the folder, or if another ontime locks it for ten seconds.
   static Folder make();
-  static std::optional<Folder> find();  // nothing if there is none
+  static std::optional<Folder> find();  // nothing if it does not exist
 
   Folder(Folder&&) = default;
   ~Folder();  // removes it when no journal is left in it
 
   const std::string& path() const { return path_; }
   std::vector<std::string> journals() const;  // names, the newest first
-  std::vector<std::string> kept() const;      // the same of what is not to be taken back
+  std::vector<std::string> kept() const;      // names of the journals of changes to keep
 
   // Made and locked, for as long as it is open.
   std::pair<std::string, Fd> add_journal();

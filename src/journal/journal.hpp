@@ -102,11 +102,10 @@ struct Kept {
 std::vector<Kept> kept(std::span<const Kind>);
 
 // Undoes changes of ended processes: only those visible here, and only if the thing still has the value that
-// they set. What another program has changed since is left as it is; what is not visible here, or not
-// understood, stays in its journal. Returns a line for each change, undone or not; with Tell::once those not
-// undone are reported only once. Does nothing while a living ontime holds the machine: that one did it before
-// its first change.
-// Cheap without journals; called at every start and end of a keeper.
+// they set. What another program has changed since is left as it is. A change that is not visible here, or
+// not understood, stays in its journal. Returns a line for each change, undone or not; with Tell::once those
+// not undone are reported only once. Does nothing while a living ontime holds the machine: that one did it
+// before its first change. Cheap without journals; called at every start and end of a keeper.
 enum class Tell { once, always };
 std::vector<std::string> revert_abandoned(std::span<const Kind> more = {}, Tell = Tell::once);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kinds of change that are this room's own.
+// The kinds of change that the journal module defines itself.
 #pragma once
 
 #include <optional>
@@ -17,7 +17,7 @@ extern const Kind namespace_kind;
 // Its value is its device and inode.
 extern const Kind directory_kind;
 
-// Our own two or one of these; null if there is none of that name.
+// Finds a kind by its name: one of the two above, or of `more`. Null if the name is unknown.
 const Kind* find_kind(std::string_view name, std::span<const Kind> more);
 
 // Lower case letters, digits and hyphens: one component of a path, so that nothing else can ever be meant.

@@ -12,8 +12,8 @@
 
 namespace ontime::keeper {
 
-// Of an order's {interface, network_namespace, peer, address}: the interface, else the one that leads to the
-// peer, else the one with the address.
+// The link of an order's {interface, network_namespace, peer, address}: the interface, else the interface on
+// the route to the peer, else the interface with the address.
 settings::Link link_of(const nlohmann::json&);
 nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Link&);
 // The order "look", and its answer.
@@ -30,7 +30,7 @@ class Tuned {
 
   // The order "tune", and its answer.
   nlohmann::json apply(const nlohmann::json& order);
-  // By host, with what each thing is at this moment.
+  // By host, with the present value of each setting.
   nlohmann::json now() const;
   std::vector<std::string> take_back();
 

@@ -164,7 +164,7 @@ struct Why {
   std::string cause{};        // explain's word for it
   std::string sentence{};     // for people: what held up which thread for how long
   std::string fix{};          // may be empty
-  Party victim{}, culprit{};  // processes; empty where there is none
+  Party victim{}, culprit{};  // processes; empty if unknown
   std::int32_t thread = 0;
   std::int64_t ns = 0;  // of the delay, by this cause
 };

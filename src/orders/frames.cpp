@@ -21,8 +21,8 @@ constexpr std::size_t largest_message = std::size_t{16} << 20;
 constexpr std::size_t largest_bytes = std::size_t{64} << 20;
 constexpr int deepest = 32;
 constexpr std::size_t kept = std::size_t{1} << 20;  // of what has been taken: moving the rest costs, too
-constexpr const char* foreign = "the other end does not speak ontime's protocol";
-constexpr const char* gone = "the other end closed the pipe";
+constexpr const char* foreign = "the peer does not speak ontime's protocol";
+constexpr const char* gone = "the peer closed the pipe";
 
 // The parser calls itself for each level: how many there are must not be the sender's choice.
 class Shallow final : public nlohmann::json_sax<nlohmann::json> {
@@ -125,7 +125,7 @@ void Frames::write(Parts parts, std::chrono::milliseconds patience) {
     if (written < 0 && errno == EAGAIN) {
       pollfd room{out_, POLLOUT, 0};
       if (poll(&room, 1, static_cast<int>(patience.count())) == 0)
-        throw Broken("the other end does not read from the pipe");
+        throw Broken("the peer does not read from the pipe");
       continue;
     }
     if (written < 0 && errno == EINTR) continue;

@@ -19,7 +19,7 @@
 
 namespace ontime::orders {
 
-struct Broken : std::runtime_error {  // the other end is gone, or speaks something else
+struct Broken : std::runtime_error {  // the peer is gone, or does not speak the protocol
   using std::runtime_error::runtime_error;
 };
 
@@ -47,7 +47,7 @@ class Decoder {
 class Frames {
  public:
   Frames(int in, int out);
-  // Any thread. Waits while the pipe is full, but no longer than `patience`: then the other end is stuck.
+  // Any thread. Waits while the pipe is full, but no longer than `patience`: then the peer is stuck.
   void send(const nlohmann::json& message, std::span<const std::uint8_t> bytes = {});
   // Sends raw bytes before all frames, for a program between this process and the worker.
   void put(std::span<const std::uint8_t> bytes, std::chrono::milliseconds patience);

@@ -97,7 +97,7 @@ struct Between {
 
 class Process;
 
-// One loop over all workers: every event is awaited, handled, or an error; nothing is thrown away.
+// One loop over all workers: every event is awaited, handled, or an error; none is dropped.
 class Coordinator {
  public:
   explicit Coordinator(Interrupts&);  // a worker that was terminated counts as an interruption

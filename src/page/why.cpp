@@ -38,7 +38,7 @@ std::string share_of(const Group& group, std::size_t messages) {
   return html + "</p></li>\n";
 }
 
-// The worst, of each culprit two: the late and lost ones, or, where there are none, the slowest.
+// The worst messages, at most two of each culprit: late and lost ones, or, if no message was, the slowest.
 std::vector<Message> chosen(const Account& account, std::size_t most) {
   constexpr std::size_t most_of_a_culprit = 2;
   std::vector<Message> all;

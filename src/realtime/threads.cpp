@@ -143,7 +143,7 @@ bool may_use_fifo(int priority) {
                          attributes_for({.policy = Policy::fifo, .priority = priority, .cpus = {}}, {})) == 0;
     }).join();
   } catch (const std::system_error&) {
-    return false;  // not even an ordinary thread is to be had
+    return false;  // not even an ordinary thread can be started
   }
   return may;
 }

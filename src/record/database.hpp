@@ -20,7 +20,7 @@
 
 namespace ontime::record {
 
-// What is to be added, each with its run. In pieces as they came: none is empty, and no growing moves them.
+// Data to add, each with its run. Kept in the pieces that arrived: no piece is empty or moved by growth.
 struct Batch {
   std::map<std::int64_t, std::deque<std::vector<roundtrip::Sample>>> samples;
   std::vector<std::pair<std::int64_t, Note>> notes;
@@ -28,7 +28,7 @@ struct Batch {
   std::map<std::int64_t, std::string> outcomes;
 };
 
-// Whether that file is what the path leads to, and no other that has taken its place.
+// Whether the path still leads to that file, and not to a replacement.
 bool is_at(const std::string& path, const struct stat& file);
 
 class Database {
@@ -39,7 +39,8 @@ class Database {
   Database(const Database&) = delete;
   Database& operator=(const Database&) = delete;
 
-  // Each is one transaction. One that fails is given up whole: SQLite may have given up a part of it.
+  // Each is one transaction. A failed one is rolled back completely, because SQLite may have done
+  // so only in part.
   std::int64_t begin_run(const std::string& asked, const std::string& key);
   void add(const Batch&);
   void forget_run(std::int64_t run);

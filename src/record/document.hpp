@@ -19,7 +19,7 @@ std::string utf8_of(const std::string&);
 // Nothing, if it is no JSON, is too long, or is nested deeper than anything of ours: most of what walks
 // through a document does so by recursion.
 std::optional<nlohmann::json> json_of(const std::string&);
-// Of any text, before it is parsed: whether its arrays and objects are nested in more than so many levels.
+// Whether arrays and objects in a text are nested too deeply; for any text, before it is parsed.
 bool is_nested_deeper(const std::string& text, int levels);
 
 }  // namespace ontime::record

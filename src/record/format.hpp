@@ -13,15 +13,15 @@ namespace ontime::record {
 inline constexpr std::int64_t format_version = 3;  // user_version, in the file's header
 
 // The format of the file; 0 if it holds nothing. Throws if it is not a results file, has a format that this
-// ontime does not know, or its tables are not those of its format: whatever holds the columns that we name,
-// as what they are, will do.
+// ontime does not know, or its tables are not those of its format: additional
+// columns are accepted.
 std::int64_t format_of(Connection&);
 
 void create_tables(Connection&);
-// From an earlier format, all but run.key. To be called in a transaction, as create_tables() is.
+// Converts an earlier format, except for run.key. Call both in a transaction.
 void migrate_tables(Connection&, std::int64_t from);
 
-// The way into the file and back, exact for every pair of numbers, also for those whose difference is no
+// Conversion for the file and back. Exact for every pair of numbers, also if the difference overflows an
 // int64.
 constexpr std::int64_t difference(std::int64_t later, std::int64_t earlier) {
   return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
@@ -31,8 +31,7 @@ constexpr std::int64_t sum(std::int64_t earlier, std::int64_t difference) {
                                    static_cast<std::uint64_t>(difference));
 }
 
-// No clock that counts from a machine's start shows more: 36 years. Within it, code that calculates with
-// times need not fear to overflow.
+// The limit is 36 years since boot. Calculations with times within it do not overflow.
 constexpr bool can_be(std::int64_t time_ns) {
   constexpr std::int64_t most = std::int64_t{1} << 60;
   return -most <= time_ns && time_ns <= most;

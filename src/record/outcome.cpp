@@ -22,8 +22,8 @@ void note(Misfit& first, const std::string& name, const Misfit& within) {
   if (within && !first) first = within->empty() ? name : name + "." + *within;
 }
 
-// Each reads what is of its kind, and leaves the rest as it is. What is not there fits. In a class, so that
-// each may call all.
+// Each overload reads JSON of its type, and leaves the value unchanged if the type differs or the key is
+// missing (which is no misfit). In a class, so that each overload may call all others.
 struct Reading {
   template <typename Value>
   static Misfit read_if(bool fits, const json& from, Value& into) {

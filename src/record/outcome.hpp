@@ -20,7 +20,7 @@ namespace ontime::record {
 
 template <typename Value>
 using ByName = std::map<std::string, Value, std::less<>>;
-// The value of that name; without one, a value of which nothing is known.
+// The value of that name; if it is missing, one with all fields unknown.
 template <typename Value>
 const Value& find(const ByName<Value>& all, std::string_view name) {
   static const Value unknown{};
@@ -51,7 +51,7 @@ struct Clock {
 };
 
 struct Machine {
-  nlohmann::json document;  // all that it said of itself
+  nlohmann::json document;  // everything that the host reported
   std::string boot_id, kernel_release;
   std::optional<std::string> simulated;  // by what
   std::optional<std::int64_t> rt_runtime_us, rt_period_us;
@@ -278,7 +278,7 @@ struct Outcome {
   std::optional<std::string> error;
   bool interrupted = false;
   bool loss_unknown = false;                 // of a robot's own messages: nothing tells what was lost
-  bool unanswered = false;                   // the other end never answered
+  bool unanswered = false;                   // the server never answered
   std::string refused_setting;               // that a host cannot have: "kernel.governor"; else empty
   roundtrip::Counters counters;              // as the client counted
   ByName<Host> hosts;                        // "controller", "component"
@@ -318,7 +318,7 @@ struct Asked : conditions::Run {
   Asked(nlohmann::json);  // what a record has; implicit as above
 
   nlohmann::json document;            // as it was recorded
-  std::optional<std::string> misfit;  // as of an outcome; of its own fields, not of those of conditions::Run
+  std::optional<std::string> misfit;  // as of an outcome; without the fields of conditions::Run
   // The stated value of that name, such as "qos.depth"; null if not stated.
   const nlohmann::json& stated(const std::string& name) const {
     return conditions::member_of(document, name);

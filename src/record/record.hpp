@@ -45,7 +45,7 @@ struct Run {
 nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
-// A member of a document that may be of another program: null where it is not there.
+// A member of a document that may come from another program; null if it is missing.
 const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
 
 // Something that happened in a run: at a moment, or to one message, or both.
@@ -59,51 +59,51 @@ struct Note {
 // The kind of a note that says why a message was late, of a run of `ontime listen`.
 inline constexpr const char* cause_of_late = "cause";
 
-// What the kernel of a machine did around one of the messages.
+// A machine's kernel events around one message.
 struct Trace {
-  std::string host;      // "controller", "component": whose machine; where both are one, the controller's
-  trace::Window window;  // by the clock of that machine
-  nlohmann::json way{};  // of a robot's own message: what `ontime listen` saw of its way; else null
+  std::string host;      // "controller", "component"; on one machine for both: "controller"
+  trace::Window window;  // in that machine's clock
+  nlohmann::json way{};  // for `ontime listen`: the observed stages of the message; else null
 };
 
-// A run that keeps the worst of its messages only (Asked::keeps_worst()) has, for each with a trace, the
-// samples of so many before it and after it.
+// A run that keeps only its worst messages (Asked::keeps_worst()) has, for each message with a trace, this
+// many samples before it and after it.
 inline constexpr std::int64_t samples_around = 16;
 
-// What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush(), reader()
-// and the destructor wait for it; append() and note() of a run under way do not, however long the disk stalls
-// (or until four million samples wait, or, in a file that is bounded, what takes a sixteenth of it). They
-// throw what became of what was appended before.
+// A thread of the Writer writes to the disk. begin_run(), end_run(), flush(), reader() and the destructor
+// wait for it. append() and note() of a current run do not wait, however long the disk stalls, until four
+// million samples are queued (in a bounded file: a sixteenth of its size). They throw the errors of earlier
+// writes.
 class Writer {
  public:
-  // Creates the file, or adds runs to one that is there; one of an older format becomes one of this. An empty
-  // path: a temporary file that goes with the Writer. Throws if it is not a results file, is from a newer
-  // version, cannot be written, or another Writer has it open.
+  // Creates the file, or adds runs to an existing one; converts an older format to the current one. An empty
+  // path: a temporary file that is removed with the Writer. Throws if it is not a results file, is from a
+  // newer version, cannot be written, or another Writer has it open.
   explicit Writer(const std::string& path);
-  ~Writer();  // leaves one file, nothing beside it; and none, if it created it and there was no run
+  ~Writer();  // leaves one file without side files; removes a file that it created if it has no run
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 
   std::int64_t begin_run(const nlohmann::json& asked);
-  // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
-  // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
-  // disk did not stall. Throws for a sample that cannot be: with times beyond ±2^60 ns, with an answer and
-  // lost, answered before it was sent, or of no fate.
+  // In order of index. A sample with an existing index replaces it (an answer to a message counted as lost
+  // was in time after all). Durable against kill -9 once flush() has returned, or a second has passed in
+  // which the disk did not stall. Throws for an impossible sample: with times beyond ±2^60 ns, with an answer
+  // and lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);    // also of a run that has ended
-  void trace(std::int64_t run, const Trace&);  // of ended runs, too; replaces the one that is there
-  // What stands until the run ends, and if it is cut off. Does not wait for the disk.
+  void trace(std::int64_t run, const Trace&);  // also of ended runs; replaces an earlier one
+  // A preliminary outcome, valid until the run ends or if it is cut off. Does not wait for the disk.
   void note_outcome(std::int64_t run, const nlohmann::json& outcome);
   void end_run(std::int64_t run, const nlohmann::json& outcome);
-  void forget_run(std::int64_t run);  // as if it had never begun; so goes a file made for it alone
+  void forget_run(std::int64_t run);  // as if it had never begun; also removes a file made only for it
   void flush();
-  // From now on the file, with what lies beside it, takes no more than so many bytes. What goes for it are
-  // messages with a trace, of runs that keep the worst only: the least bad first, each with its notes and the
-  // samples around it. Also the oldest of these runs, where there are more than one for each 64 KiB.
-  // Throws if all else in the file takes more.
+  // From now on the file with its side files takes at most `bytes`. To fit, it removes messages with a trace
+  // from runs that keep only the worst: the least bad first, each with its notes and the samples around it.
+  // It also removes the oldest of these runs, if there is more than one for each 64 KiB. Throws if the rest
+  // of the file is larger.
   void keep_worst(std::uint64_t bytes);
 
-  // Of what was appended before, which it flushes; for a temporary file the only way to it.
+  // Flushes, and reads everything appended before. The only way to read a temporary file.
   class Reader reader();
 
  private:
@@ -111,18 +111,18 @@ class Writer {
   std::unique_ptr<Thread> thread_;
 };
 
-// Whether another process has a Writer on the file. Not to be asked by one that has the file open itself,
-// whose locks would be given up by it.
+// Whether another process has a Writer on the file. Do not call it in a process that has the file open:
+// it would release that process's locks.
 bool is_being_written(const std::string& path);
 
-// Of files of all formats until now. One that is not what it says (of another program, damaged, or made
-// to mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
+// Reads files of all formats so far. Invalid contents (of another program, damaged, or malicious) throw
+// WrongFile; texts are valid UTF-8, but may hold any character.
 class Reader {
  public:
   explicit Reader(const std::string& path);                            // never changes the file
   std::vector<Run> runs(std::optional<std::int64_t> from = {}) const;  // from this number on; nothing: all
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
-  // Each trace of a run, in order of its message. Memory does not grow with their number.
+  // Each trace of a run, in order of its message. Memory use does not depend on their number.
   void each_trace(std::int64_t run, const std::function<void(const Trace&)>&) const;
   // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
   // append() has them, so that no difference of two overflows.
@@ -141,7 +141,8 @@ class Reader {
 };
 
 // Adds a run of one results file to another: samples, notes, traces and outcome, under the next number there,
-// which it returns. A run without an outcome has none in the copy either, which began when it was copied.
+// which it returns. A run without an outcome has none in the copy either. The copy's start is the time of
+// copying.
 std::int64_t copy_run(const Reader& from, const Run&, Writer& to);
 
 }  // namespace ontime::record

@@ -162,7 +162,7 @@ class Writer::Thread {
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Batch> batch_;
-  // Of the batch, in samples: a note or an outcome counts as those that would take its room.
+  // Size of the batch, in samples: a note or an outcome counts as the samples that need as much memory.
   std::size_t waiting_ = 0;
   std::size_t most_waiting_ = most_waiting;
   std::function<void()> question_;

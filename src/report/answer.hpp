@@ -52,7 +52,7 @@ struct Answer {
 Answer answer_of(const std::vector<statistics::Summary>&, const Origin&);
 
 inline constexpr std::size_t screen_lines = 24;
-// At most `screen_lines` lines of `width` columns, of which a command may need more than one.
+// At most `screen_lines` lines of `width` columns. A command may take several lines.
 std::string text_of(const Answer&, std::size_t width);
 std::string steps_text(const std::vector<Answer::Step>&, std::size_t width);
 nlohmann::ordered_json json_of(const Answer&);  // docs/reference/json.md

@@ -142,7 +142,7 @@ std::string older_note(const Group& runs) {
 }
 
 // Both methods use the same data: one refusal refuses both. A reason that both give, each with its own number
-// in brackets, appears once.
+// in parentheses, appears once.
 std::string refusal_of(const Extremes& of) {
   std::vector<std::string> reasons;
   if (!of.refused.empty()) reasons.push_back(of.refused);

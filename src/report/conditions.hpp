@@ -11,7 +11,7 @@
 
 namespace ontime::report {
 
-// A label for each run of a group: its transport, and in words what is not the same in all of them.
+// A label for each run of a group: its transport, and in words the conditions that differ between the runs.
 // Repetitions have their number.
 std::vector<std::string> labels_of(const Group&);
 // Repetitions of a run have the same label, and only they.

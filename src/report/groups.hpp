@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which runs are looked at together.
+// Groups of runs that are shown together.
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@ namespace ontime::report {
 Group all_of(const Summaries&);
 Group last_of(const Summaries&);             // without those that were measured again
 std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
-std::string quantity_of(const Group&);       // "Round trip", "Age" …; "Time" where it is not one
+std::string quantity_of(const Group&);       // "Round trip", "Age" …; "Time" if they differ
 bool all_listened(const Group&);             // to a robot's own messages: without answers and cycles
 
 }  // namespace ontime::report

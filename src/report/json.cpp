@@ -58,7 +58,7 @@ ordered_json notes_of(const statistics::Summary& summary) {
   });
 }
 
-// The paper's own figures of this test; null where it has none.
+// The paper's values for this test; null if it has none.
 ordered_json paper_of(const record::Asked& asked) {
   const auto rows = array_of(paper_rows(asked), [](const PaperRow& row) -> ordered_json {
     return {{"dds", row.dds},

@@ -133,7 +133,7 @@ Page layers_page_of(const Summaries& summaries) {
   if (layers.measured.empty()) {
     if (page.notes.empty())
       page.notes.emplace_back(
-          "No run names its baseline (key adds-to in the scenario; see scenarios/layers.yaml).");
+          "No run names its baseline (key baseline in the scenario; see scenarios/layers.yaml).");
     return page;
   }
   double longest_ns = 0;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Runs, as programs read them and as people do.
+// Output about runs: JSON and CSV for programs, tables for users.
 #pragma once
 
 #include <optional>
@@ -30,15 +30,15 @@ table::Page page_of(const Summaries&);
 bool differs_by_response(const statistics::Summary&);
 bool any_of_paper(const Summaries&);  // whether the paper has rows for one of them
 
-// The estimate, always; its limits stand in certainty_table(). "-" where no value lies above the percentile,
-// "~" before it where fewer than ten do.
+// The estimate; certainty_table() shows its interval. "-" if no value is above the percentile, a "~" in front
+// if fewer than ten are.
 std::string percentile(const statistics::Distribution&, statistics::Figure);
 // 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
-// known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
+// known. "≥ x": no upper limit. The value itself may be x, because limits are values that were seen.
 table::Table certainty_table(const std::vector<std::string>& labels, const Group&);
 // The extrapolated worst case. Runs without one have no row.
 table::Table worst_case_table(const std::vector<std::string>& labels, const Group&);
-// Why, each reason once with the names of the runs that it holds for.
+// Why runs have no extrapolated worst case: each reason once, with the names of its runs.
 std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, const Group&);
 // A note that an older ontime, with other intervals and gates, measured one of these; else empty.
 std::string older_note(const Group&);
@@ -54,14 +54,14 @@ nlohmann::ordered_json searches_json_of(const Summaries&);
 // A caution about a run: a fault, or a count that the table does not show.
 struct Remark {
   enum class Weight { detail, caution, not_applied } weight;  // not_applied: not the run that was requested
-  std::string text;  // "{}" stands for the amount, where there is one
+  std::string text;                                           // "{}" stands for `amount`
   std::optional<double> amount = {};
   std::string (*shown)(double) = nullptr;
-  bool is_of_requirement = false;  // that the run missed, or could not be judged by
+  bool is_of_requirement = false;  // about a gate that the run missed, or that could not be judged
 };
 std::vector<Remark> remarks_of(const statistics::Summary&);
-std::string remarks(const statistics::Summary&);  // in one text; empty if there is none
-// The remarks about the link's traffic and losses. An empty text: no remark.
+std::string remarks(const statistics::Summary&);  // in one text; empty without remarks
+// Remarks about the link's traffic and losses. An empty text: no remark.
 // "12 at the component, 3 at the controller": what each end's own reader lost.
 std::string losses_text(const record::Outcome&, std::uint64_t record::Losses::*kind, const char* where);
 Remark traffic_remark(const record::Outcome&);
@@ -80,14 +80,14 @@ struct SharedRemark {
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
 std::vector<SharedRemark> shared_remarks(const Group&);
-// A line for those that the same runs have, after the names of these.
+// One line for all remarks of the same runs, after the names of these runs.
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group&);
 // Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 
 // The imported runs of an id.
 table::Table imported_table_of(const Group&);
-// "≥3.0" where it lies beyond the imported histogram; else as percentile().
+// "≥3.0" if the percentile is beyond the imported histogram; else as percentile().
 std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
@@ -100,7 +100,7 @@ Verdict verdict_of(const Summaries&);
 std::string grouped(std::uint64_t count);  // "4,320,000"
 
 // What was requested and what was found.
-table::Table differences_of(const Summaries&);  // what is not the same in all runs
+table::Table differences_of(const Summaries&);  // the conditions that differ between the runs
 table::Table loads_of(const Summaries&);        // requested and achieved, and what the link carried
 table::Table machines_of(const Summaries&);
 

@@ -24,7 +24,7 @@ void each_host(const Summaries& summaries, Use use) {
       if (!host.threads.empty()) use(summary, name, host.threads);
 }
 
-// The same as they were recorded.
+// A host's threads as they were recorded.
 const json& recorded(const statistics::Summary& summary, const std::string& host) {
   return conditions::member_of(summary.run.outcome.document, "hosts." + host + ".threads");
 }

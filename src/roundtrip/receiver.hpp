@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The thread of ours that waits for arrivals with Receive::waitset. With Receive::listener there is none.
+// Our thread that waits for arrivals with Receive::waitset. Receive::listener needs no such thread.
 #pragma once
 
 #include <atomic>

@@ -19,7 +19,7 @@
 
 namespace ontime::roundtrip {
 
-// With the first two, a cycle that the sending thread slept through is skipped: missed messages are not sent
+// With the first two, a cycle during which the sending thread did not run is skipped. Its message is not sent
 // later in a burst.
 enum class Schedule {
   next_free,  // closed-loop (the paper's): after a late answer the next message goes in the next free cycle
@@ -47,24 +47,24 @@ struct Counters {
   // Answers to another client's messages, to messages not sent yet, or after the time-out.
   std::uint64_t strays = 0;
   std::uint64_t reordered = 0;  // answers that came after the answer to a later message
-  // Answers whose payload has another size than the message's, also in the warm-up: they settle no message.
+  // Answers with another payload size than the message, also in the warm-up. They do not count as answers.
   std::uint64_t wrong_size = 0;
-  // Answers whose server times are outside the round trip; their samples have no server times.
+  // Answers with server times outside the round trip; their samples have no server times.
   std::uint64_t wrong_server_times = 0;
-  // Cycles without a message. With `sent` the cycles of the duration, or those due before stop(); what the
-  // sending thread has found out so far, while it runs.
+  // Cycles without a message. Together with `sent`: all cycles of the duration, or those due before stop().
+  // While the run goes on: those known so far.
   std::uint64_t skipped_cycles = 0;
-  std::uint64_t refused_sends = 0;    // messages that the transport did not take; each is lost, too
+  std::uint64_t refused_sends = 0;    // messages that the transport refused; each also counts as lost
   std::uint64_t dropped_records = 0;  // samples that were not drained in time
-  // Of the skipped cycles those after the last message, which no sample tells of, and when the first was due.
+  // Skipped cycles after the last message (no sample shows them), and when the first was due.
   std::uint64_t trailing_cycles = 0;
   std::int64_t trailing_due_ns = 0;
-  // Until then none of these could be sent: the last answer, its time-out, or the sender's own return. Set at
-  // the end, also where there are none: cycles skipped before a last message that was lost waited as long.
+  // None of these cycles could send until then: the last answer, its timeout, or the sender's return. Set at
+  // the end, also without such cycles: cycles skipped before a lost last message waited until then.
   std::int64_t trailing_until_ns = 0;
 };
 
-// The counters that are numbers of something, by the names that they have in JSON and in results.
+// The counters that are counts (not times), by their names in JSON and in results.
 struct CounterName {
   const char* name;
   std::uint64_t Counters::*member;
@@ -84,14 +84,14 @@ inline constexpr std::array<CounterName, 13> counter_names{
      {"dropped_records", &Counters::dropped_records},
      {"trailing_cycles", &Counters::trailing_cycles}}};
 
-// A thread of ours or of the middleware; role "send" is the client's sending thread, "receive" the one that
-// delivers.
+// A thread of ontime or of the middleware. Role "send": the client's sending thread; "receive": the thread
+// that delivers arrivals.
 using transport::Thread;
 
 class Client {
  public:
-  // Opens the transport; throws transport::Error. Its threads exist when it returns and wait, so that they
-  // can be given their settings before the first message.
+  // Opens the transport; throws transport::Error. When it returns, its threads exist and wait, so that
+  // the caller can set their priorities and CPUs before the first message.
   Client(const transport::Plugin&, const transport::Config&, const ClientOptions&);
   ~Client();
   Client(const Client&) = delete;
@@ -100,22 +100,22 @@ class Client {
   transport::Endpoint& endpoint();
   std::vector<Thread> threads();
 
-  // Once each. start() sends the warm-up and then waits, silent, in State::ready: what is to be read before
-  // the first counted message is read then. go() measures for the duration, in the sending thread.
+  // Once each. start() sends the warm-up and then waits without sending in State::ready: the caller reads
+  // counters then, before the first counted message. go() measures for the duration, in the sending thread.
   void start();
   void go();
-  // At any time, from any thread: send no more; what is in flight is waited for, and then it is finished.
+  // At any time, from any thread: stops sending. The client is finished once no message is in flight.
   void stop();
   enum class State { waiting, warming_up, ready, measuring, finished };
   State state() const;
   std::uint64_t warm_up_answers() const;
 
   Counters counters() const;  // any thread, while it runs
-  // One ordinary thread: samples of settled messages in order of index. One that was given up as lost, and of
-  // which then an answer in time was reported after all, comes again, later; the last one is right.
+  // One ordinary thread: samples of settled messages in order of index. A message
+  // counted as lost comes again later if an answer in time is reported after all; the last one is valid.
   std::size_t drain(std::span<Sample> samples);
-  // The same thread: how many wait to be drained, and for how many there is room, which is 10 s or more. Who
-  // drains is on a CPU that may be the measurement's, so: seldom.
+  // In the draining thread: how many samples wait, and the capacity, which lasts at least 10 s. Drain rarely:
+  // it may take CPU time from the measurement.
   std::size_t undrained() const;
   std::size_t capacity() const;
 
@@ -124,29 +124,29 @@ class Client {
   std::unique_ptr<Measurement> measurement_;
 };
 
-// Background topics: ordinary topics beside the critical one, all alike, each a pair like ping and pong, with
-// one message per period and direction. One sending thread at each end sends for all; only `priority` sets
-// it.
+// Background topics: ordinary topics beside the critical one. Each is a pair like ping and pong, with one
+// message per period and direction; all have the same settings. One thread at each end sends for all; only
+// `priority` applies to it.
 using transport::Where;
 const char* word_of(Where);  // "same-callback-group" …
 struct BackgroundOptions {
-  int topics = 0;  // 0: there are none
+  int topics = 0;  // 0: no background topics
   Where where = Where::same_participant;
   std::size_t payload_bytes = 1000;
   std::chrono::nanoseconds period{std::chrono::milliseconds(10)};  // of each topic and direction
   transport::Reliability reliability = transport::Reliability::best_effort;
   bool there = true, back = true;  // whether the client's end sends, and the server's
-  int priority = 0;                // SCHED_FIFO, of the threads that are theirs alone; 0: none
-  // What the callback of each message takes of its thread's CPU, and so of everything on that thread.
+  int priority = 0;                // SCHED_FIFO, of threads used only by these topics; 0: SCHED_OTHER
+  // CPU time that the callback of each message takes. It delays everything else on its thread.
   std::chrono::nanoseconds callback{0};
-  // 24 bits that both ends are given: by these they tell one another's messages from other programs'.
+  // 24 bits, the same at both ends: they distinguish their messages from those of other programs.
   std::uint32_t session = 0;
 };
-// How many messages of all topics together go each way in that time, at least one.
+// How many messages of all topics together are sent per direction in that time; at least one.
 std::uint64_t messages_asked(const BackgroundOptions&, std::chrono::nanoseconds duration);
 std::string background_topic(std::string critical, int number);  // "/background_1/ping" of "/ping"
 
-// Of one end. A sent message is lost if the other end did not receive it.
+// Counts of the client or of the server. A sent message is lost if the peer did not receive it.
 struct BackgroundCounters {
   std::uint64_t sent = 0, refused = 0;
   std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period
@@ -158,19 +158,19 @@ struct BackgroundCounters {
 
 class BackgroundTopics {
  public:
-  // `critical`: the endpoint that they are beside; nothing in a process of their own. Throws
+  // `critical`: the endpoint in the same process; null in a separate process. Throws
   // transport::Error.
   BackgroundTopics(const transport::Plugin&, transport::Endpoint* critical, const transport::Config&,
                    const BackgroundOptions&, std::chrono::nanoseconds duration);
-  ~BackgroundTopics();  // before what they are beside
+  ~BackgroundTopics();  // before the critical endpoint
   BackgroundTopics(const BackgroundTopics&) = delete;
   BackgroundTopics& operator=(const BackgroundTopics&) = delete;
 
   transport::Endpoint& endpoint();  // one of them
-  std::vector<Thread> threads();    // also those that they share with the critical one
+  std::vector<Thread> threads();    // also those shared with the critical endpoint
   bool matched();                   // all of them, both ways
 
-  // Once each. start() sends what is not counted, go() what is, for the duration.
+  // Once each. start() sends messages that are not counted, go() counted ones, for the duration.
   void start();
   void go();
   void stop();  // at any time
@@ -196,8 +196,8 @@ class Server {
     std::uint64_t sequence;  // see message/message.hpp
     std::int64_t received_ns, sent_ns;
   };
-  // From now on each answer is noted; once, before drain(). One ordinary thread drains; what waits for longer
-  // than 65,536 answers is gone.
+  // Notes each answer from now on; call it once, before drain(). One ordinary thread drains; only the latest
+  // 65,536 answers are kept.
   void note_answers();
   std::size_t drain(std::span<Answer>);
 

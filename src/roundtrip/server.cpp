@@ -7,7 +7,7 @@
 namespace ontime::roundtrip {
 namespace {
 
-// The answering thread writes, whichever it is; what is not read in time is overwritten.
+// Any answering thread writes; answers not read in time are overwritten.
 class Answers {
  public:
   void add(const Server::Answer& answer) noexcept {

@@ -83,7 +83,7 @@ class HostsOfFile {
     hosts_.kind = node.Scalar() == "loopback" ? Hosts::Kind::loopback : Hosts::Kind::namespaces;
   }
 
-  // A run's keys may stand below a component's name, beside those that stand there for all.
+  // A component's name may hold keys of its own run, beside the keys that apply to all.
   static bool has_a_meaning(const std::string& name) {
     for (const auto* word : {"controller", "component", "components", "id", "require", "options"})
       if (name == word || name.starts_with("controller_")) return true;  // of what is made for it there

@@ -14,7 +14,7 @@ namespace ontime::scenario {
 // A run as written, flat: path ("qos.depth") → value.
 using Entries = std::map<std::string, YAML::Node>;
 
-// A key as it stands below a component's name, "arm.period", or for all.
+// A key for one component ("arm.period"), or for all.
 struct Said {
   std::string component;  // "": all
   std::string key;
@@ -27,11 +27,11 @@ std::string nearest(const std::string& path);
 // Keys of one scenario, whose hosts must outlive this. Throws Error: file, line, column, message.
 class RunKeys {
  public:
-  // `named`: the scenario names its components, below which keys may stand.
+  // `named`: the scenario names its components, and keys below a name apply to that component.
   RunKeys(const std::string& file, const Hosts& hosts, bool named, Notices& notices)
       : file_(file), hosts_(hosts), named_(named), notices_(notices) {}
   Said divided(const std::string& path) const;
-  // With the key's name in this version: "arm.background.rate" for "arm.background.rate".
+  // With the current name of the key: "arm.background.rate" for the earlier "arm.neighbours.rate".
   std::string current(const std::string& path) const;
   Entries flat(const YAML::Node& run) const;
 

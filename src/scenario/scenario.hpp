@@ -20,16 +20,15 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// A transport's own options: options.NAME, and component.options.NAME where the component has a transport of
-// its own.
+// A transport's options: options.NAME, and component.options.NAME if the component has another transport.
 bool is_option(const std::string& path);
 void set_option(Run&, const std::string& path, const std::string& value);
 // Fills in what follows from other keys, and checks their combination. Throws std::invalid_argument.
 void complete(Run&);
 // ROS_DOMAIN_ID, or 0. Throws std::invalid_argument.
 int domain_of_environment();
-// The run for the component of that name, where there are several: with its own conditions, if it has any,
-// and on topics of its own, /arm/ping for /ping, if its transport has any. Throws std::invalid_argument.
+// The run for the component of that name, if there are several: with the conditions for this component, and
+// with separate topics (/arm/ping for /ping) if the transport has topics. Throws std::invalid_argument.
 Run with_component(Run, const std::string& name);
 // Runs that are measured at the same time: one for each component.
 using Together = std::vector<Run>;
@@ -43,7 +42,7 @@ bool any_past_the_kernel(const Run&);  // of its two ends
 // The address without the port, which only a transport understands.
 std::string without_port(const std::string& address);
 
-// One line for each key that a file calls by an earlier name, by that name.
+// One line for each earlier name of a key in the file, by that name.
 using Notices = std::map<std::string, std::string>;
 
 struct Scenario {

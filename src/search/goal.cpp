@@ -74,7 +74,7 @@ Tally tally_of(const Part& part, const statistics::Summary& run) {
   // A gate's `late` counts late answers alone. A goal's counts lost messages, too: else the search would hold
   // it with a setting by which late answers become lost ones.
   const bool is_late = part.gate.figure == Figure::late && part.gate.times == statistics::Times::round_trip;
-  // At most: a goal must not be proven by what is not known.
+  // The upper bound: too few messages must not prove a goal.
   const auto of = is_late ? run.missed_probability : gate::probability_beyond(part.gate, run).at_most;
   // An unanswered message has no time, so it breaks the limit.
   std::uint64_t unanswered = 0;

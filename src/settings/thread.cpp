@@ -59,7 +59,7 @@ std::string text_of(const Scheduling& value) {
   return value.cpus ? fmt::format("{}:{}", priority, *value.cpus) : priority;
 }
 
-// "PID:START:NAME" of a thread of the kernel; nothing if there is none of that id.
+// "PID:START:NAME" of a kernel thread; nothing if none has this id.
 std::optional<std::string> identity_of(const std::string& pid) {
   constexpr std::size_t flags = 6, start = 19;  // counted from the state on
   constexpr unsigned long is_of_kernel = 0x0020'0000;

@@ -11,7 +11,7 @@ namespace ontime::statistics {
 class RoundTripParts {
  public:
   explicit RoundTripParts(const record::Outcome&);
-  void message(const roundtrip::Sample&);  // an answered one, of which the server said its times
+  void message(const roundtrip::Sample&);  // an answered message with the server's times
   void into(Summary&) &&;
 
  private:

@@ -2,16 +2,15 @@
 // Extrapolated worst case: the level that 1 in N answers exceeds, by two methods of extreme-value theory,
 // each with tests of its assumptions. Ordinary thread.
 //
-// How far: a run of n answers whose slowest come singly reaches the level that 4 in n exceed, and never
-// beyond 1 in a million. A cause that strikes more seldom may not have struck in the run, and no theory sees
-// it. The interval also holds what the order of the answers alone tells (Clopper & Pearson), whatever their
-// tail is.
+// How far: a run of n answers with unclustered slow ones reaches the level that 4 in n exceed, and never
+// beyond the 10⁻⁶ exceedance level. A rarer cause may not have occurred in the run, and no theory can find
+// it. The interval also contains the one from ranks alone (Clopper & Pearson), which assumes no tail.
 //
 // Block maxima: the run in 100 stretches, and the greatest of each; a generalised extreme-value distribution.
 // Peaks over a threshold: what is above the threshold that 500 values pass, or a tenth of fewer, declustered;
 // a generalised Pareto distribution. Their parameters by L-moments (Hosking 1985; Hosking & Wallis 1987), the
-// intervals by a parametric bootstrap of 400, seeded alike each time, of which the middle 98 % are taken: the
-// middle 95 % hold the truth too seldom. The same bootstrap gives the p-value of the fit: Anderson &
+// intervals by a parametric bootstrap of 400 with a fixed seed. The middle 98 % are taken, because the middle
+// 95 % contain the truth too rarely. The same bootstrap gives the p-value of the fit: Anderson &
 // Darling's statistic, of samples fitted anew. How extremes cluster: the extremal index by the intervals
 // between them, which also declusters (Ferro & Segers 2003).
 //
@@ -36,7 +35,7 @@ namespace ontime::statistics {
 struct Tail {
   enum class Family { maxima, peaks } family;  // generalised extreme-value, generalised Pareto
   double location = 0, scale = 1, shape = 0;   // of peaks the location is the threshold
-  double below(double x) const;                // how probable
+  double below(double x) const;                // probability of a value below x
   double quantile(double probability) const;
 };
 // By L-moments; of peaks those above `threshold`. Nothing: they are too few, or all alike.
@@ -58,10 +57,10 @@ struct Bound {
 struct Extremes {
   std::optional<Bound> maxima, peaks;  // nothing: too few values, see `refused`
   double exceedance = 1;               // of the level
-  double answers_for_a_million = 0;    // so many it takes for the level that 1 in a million exceeds
-  double index = 1;                    // extremal: 1 / how many follow upon one another
+  double answers_for_a_million = 0;    // answers needed for the 10⁻⁶ exceedance level
+  double index = 1;                    // extremal: 1 / mean size of a cluster
   double trend_p = 1, runs_p = 1;      // of the stretches' maxima: the tests below
-  double halves_p = 1;                 // of how many peaks lie in either half
+  double halves_p = 1;                 // of the number of peaks in each half
   std::string refused;                 // why there is neither
 };
 // Of values in the order in which they came, and the threshold that `most_peaks` of them, or a tenth of

@@ -131,7 +131,7 @@ std::size_t likeness(const Summary& one, const Summary& other) {
   return same;
 }
 
-// Sets base, or why there is none.
+// Sets base, or the reason why it is missing.
 const Candidate* find_base(Layer& layer, const std::vector<Candidate>& candidates) {
   const auto conditions = conditions_of(*layer.run);
   std::vector<const Candidate*> best;

@@ -19,11 +19,11 @@ enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
 struct Metric {
   Figure figure;
   const char* name;          // in gates, tables and JSON
-  std::uint64_t one_in = 0;  // of a percentile: one in so many values is greater
+  std::uint64_t one_in = 0;  // of a percentile: one in `one_in` values is greater
   bool is_share = false;     // of messages; all others are times
   double share_above() const { return 1 / static_cast<double>(one_in); }
-  // Of a percentile: the smallest rank of `n` values whose value at least its share of them do not exceed. In
-  // whole numbers: 0.999 as a double is not 0.999.
+  // Of a percentile: the smallest rank among `n` values with at least this share of values at or below it. In
+  // whole numbers, because 0.999 as a double is not exact.
   std::uint64_t rank_of(std::uint64_t n) const {
     return n / one_in * (one_in - 1) + (n % one_in * (one_in - 1) + one_in - 1) / one_in;
   }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is kept of a run's course while its samples go by.
+// Summarises how a run went over time, in one pass over its samples.
 #pragma once
 
 #include <cstdint>
@@ -50,7 +50,7 @@ class WorstOnes {
   std::vector<Worst> worst_;  // a heap, the shortest at its front
 };
 
-// Which messages were late or lost, and how they follow upon one another.
+// Which messages were late or lost, and their bursts.
 class Misses {
  public:
   // Nothing: the record does not say after how long a message was given up.

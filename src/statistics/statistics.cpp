@@ -211,7 +211,7 @@ class Pass {
   Batches late_by_response_;  // of each cycle
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
   std::vector<Series> waiting_;       // cycles, for the next answer
-  std::int64_t waited_until_ns_ = 0;  // at least, if there is none
+  std::int64_t waited_until_ns_ = 0;  // at least, if no answer came
 };
 
 }  // namespace

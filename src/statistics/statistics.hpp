@@ -69,7 +69,7 @@ struct Worst {
 struct Shape {
   Histogram round_trip, response;
   std::vector<Ranked> round_trip_ranks, response_ranks;
-  std::int64_t slice_ns = 0;  // how long a slice is; longer in a run that is longer than it said
+  std::int64_t slice_ns = 0;  // length of a slice; longer if the run exceeds its stated duration
   std::vector<Slice> slices;  // from the first message on; at most 2,000
   std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
 };
@@ -103,35 +103,34 @@ struct Summary {
   std::vector<record::Note> notes;
   std::int64_t start_ns = 0;  // when its first message was due: the client's clock, as that of notes
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
-  std::uint64_t skipped_cycles = 0;  // those after the last message among them
-  // So many messages at the end were not answered, the first of which was due then.
+  std::uint64_t skipped_cycles = 0;  // including those after the last message
+  // Number of messages at the end without an answer, and when the first of these was due.
   std::uint64_t unanswered_at_end = 0;
   std::int64_t unanswered_from_ns = 0;
   // Cycles without an answer within the deadline from when they were due, where the record has a deadline:
   // responses above it, and lost messages. Of sent + skipped_cycles.
   std::optional<std::uint64_t> late_by_response;
   Distribution round_trip;  // sent → received: the paper's T2 − T1
-  // Due → answered, of every cycle, those that passed without a message among them: until the answer that
-  // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
-  // lost message has none.
+  // Due → answered, of every cycle, also of skipped ones: until the answer that ended their wait, or, without
+  // such an answer, as long as they are known to have waited. Hides no stall. A lost message has no response
+  // time.
   Distribution response;
-  std::int64_t open_wait_ns = 0;  // the longest of the waits that no answer ended; 0: of cycles there is none
-  // Due → woke, of the sending thread; none in back-to-back. Of the wake-ups for the cycles skipped before a
-  // message the longest counts as one.
+  std::int64_t open_wait_ns = 0;  // the longest wait that no answer ended; 0: no such wait, or no cycles
+  // Sender wake-up latency: due → woke; none in back-to-back. Of the wake-ups for the cycles skipped before a
+  // message only the longest counts.
   Distribution wake_up;
-  Distribution server;         // received → sent, on the server's clock; count 0 if the server did not say
-  std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
-  std::string no_parts;        // why they were left out all the same, for users
+  Distribution server;         // received → sent, on the server's clock; count 0 if unknown
+  std::optional<Parts> parts;  // nothing, unless the record shows that the clocks allow it
+  std::string no_parts;        // why they are missing, for users
   std::optional<Imported> imported;
   // Its samples are only those around the worst messages; all counts, and the distributions to within 1.6 %,
   // are of all messages.
   bool has_worst_only = false;
   Shape shape;
 
-  // Their intervals: confidence.hpp. Where samples are missing these have no intervals, no messages and no
-  // bound, because those are unknown.
+  // Intervals: confidence.hpp. If samples are missing, these have no intervals, no messages and no bound.
   Certainty round_trip_certainty, response_certainty;
-  // Of a message, to be answered late, not at all, and either of the two.
+  // That a message is late, is lost, or either.
   Probability late_probability, lost_probability, missed_probability;
   Probability late_by_response_probability;  // of a cycle; no messages where late_by_response is nothing
   Bursts bursts;
@@ -139,8 +138,8 @@ struct Summary {
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
-// "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: it did not change for
-// good.
+// "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: no permanent
+// change.
 std::string shift_text(const Summary&);
 std::string time_of(double ns);  // "28.25 ms"
 // Of all runs but the first `known`.
@@ -157,39 +156,38 @@ inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknow
 inline bool is_complete(const record::Run& run) {
   return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
 }
-// So many messages' samples were not recorded: no figure speaks for all messages, and nothing bounds
-// it is.
+// The number of messages whose samples were not recorded. If it is not 0, no metric is of all messages, and
+// no bound holds.
 inline std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.dropped_records; }
 
-// In ns, or, of late and lost, the share of all messages (of late by response: of all cycles). `max` is the
-// greatest that was seen and has no interval.
-std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
+// In ns. For late and lost: the share of all messages; for late response times: the share of all cycles.
+// `max` is the greatest value seen and has no interval.
+std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: no message was answered, or sent
 // Of late and lost messages; nothing of times.
 const Probability* probability_of(const Summary&, Times, Figure);
 
-// Where not all ranks are kept, a number of messages lies between two: the same one where it is known.
+// If not all ranks are kept, a count of messages is known only within two limits; else both are the same.
 struct Between {
   Probability at_least, at_most;
 };
-// How many of the answers take longer than that: exactly of the slowest 128, else to within 2.2 %. Their
-// design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
+// How many answers take longer than the limit: exact among the slowest 128, else to within 2.2 %. The design
+// effect is the greater of those of the adjacent percentiles; with very few, that of the slowest.
 Between slower_than(const Summary&, Times, double limit_ns);
 
-// From one or several runs to one or several others: their means. Of the maximum the greatest of all runs,
-// without intervals. A percentile that a run has too few values for is unknown.
+// Compares one or several runs with one or several others, by their means. For the maximum: the greatest of
+// all runs, without intervals. A percentile is unknown if a run has too few values for it.
 //
-// Each end of an interval is passed by the truth at most once in a hundred. Two intervals are computed, and
+// The truth is beyond each limit of an interval in at most 1 % of cases. Two intervals are computed, and
 // the wider one counts:
-// - by what the samples of each run tell (MOVER: Zou & Donner 2008; of ratios on the logarithms, widened so
-// that
-//   they hold the ratio of the means; of late and lost messages those of all repetitions counted together);
-// - by how much repetitions differ: Student's t with one variance for both sides.
-// Where both sides have two runs or more, the second stands alone if the first has no end: short runs leave
-// their p99 open, but many short runs show how it varies.
-// Without repetitions on both sides nothing is known of what changes from one start to the next (placement in
-// memory, the order of start). The interval is then about these runs only, and there is no verdict.
-// The interval of the ratio decides what has changed, for verdicts and gates; that of the difference where
-// there is no ratio. The two may disagree where repetitions differ much.
+// - from the samples of each run (MOVER: Zou & Donner 2008). For ratios on logarithms, widened to contain the
+//   ratio of the means. For late and lost messages from all repetitions together;
+// - from how much repetitions differ: Student's t with one variance for both sides.
+// If both sides have two runs or more, the second counts alone where the first has no limit: the p99 of short
+// runs has no limit, but many short runs show how it varies.
+// Without repetitions on both sides, changes from one start to the next (memory placement, start order) are
+// unknown. The interval is then about these runs only, without a verdict.
+// Verdicts and gates use the interval of the ratio, or without a ratio that of the difference. The two may
+// disagree if repetitions differ much.
 enum class Tendency { less, unclear, more };        // what the interval excludes
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
@@ -201,17 +199,17 @@ struct Change {
   Tendency tendency = Tendency::unclear;
   Verdict verdict() const;
 };
-// Nothing: one of the sides does not have it, or too few values for it.
+// Nothing: one of the sides does not have the metric, or too few values for it.
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,
                              Times, Figure);
 
 // Whether a limit is passed, for gates. A change passes it if the measured one does and chance does not
 // explain it: the interval excludes no change (or, where a limit asks for an improvement, it excludes that
-// improvement). Where nothing has changed the answer is yes at most once in a hundred. A single metric passes
+// improvement). Without any change the answer is yes in at most 1 % of cases. A single metric passes
 // a limit if its interval lies beyond.
 enum class Answer { no, cannot_tell, yes };
 Answer ratio_exceeds(const Change&, double limit);       // 1.1 for `p99 > +10 %`
-Answer difference_exceeds(const Change&, double limit);  // where there is a ratio, of the limit as one
+Answer difference_exceeds(const Change&, double limit);  // if there is a ratio, the limit is converted to one
 Answer exceeds(const Measured&, double limit);
 
 // A quantity that was found several times, and the interval of its median. The interval runs between two
@@ -223,7 +221,7 @@ struct Estimate {
   double median = 0, low = 0, high = 0;
   double confidence = 0;
 };
-std::optional<Estimate> estimate(std::vector<double> values);  // nothing of nothing
+std::optional<Estimate> estimate(std::vector<double> values);  // nothing if `values` is empty
 
 // What one layer of a stack costs a message: a run against its baseline, repetition by repetition of one
 // session. `added` is the median of those differences; nothing for the lowest layer.
@@ -234,19 +232,19 @@ struct Cost {
 struct Layer {
   const Summary* run = nullptr;   // the first of them; points into what was given
   const Summary* base = nullptr;  // of the layer below
-  std::string adds_to;            // its id, as asked; empty for the lowest layer
-  std::string no_base;            // why there is no base though one was asked for, for people
+  std::string adds_to;            // its id, as requested; empty for the lowest layer
+  std::string no_base;            // why the requested base is missing, for people
   Cost round_trip_ns;             // the median message's
-  Cost cpu_ns;                    // a message, of all recorded threads on both hosts
-  Cost instructions;              // the same; nothing where they were not counted
+  Cost cpu_ns;                    // per message, of all recorded threads on both hosts
+  Cost instructions;              // per message; nothing if they were not counted
 };
 struct Layers {
-  // In the order in which they were first run; what neither adds to another nor is added to is left out.
+  // In the order of their first runs; without runs that neither have a baseline nor are one.
   std::vector<Layer> measured;
   struct Missing {
-    std::string id, reason;  // nothing was recorded: no reason
+    std::string id, reason;  // reason empty: nothing was recorded
   };
-  std::vector<Missing> missing;  // ids of which there is no complete run
+  std::vector<Missing> missing;  // ids without a complete run
 };
 // A layer's base is the run with its baseline's id that has the same conditions, except for transport,
 // options and receiving method; of several, the run that shares most of these.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Many values, exactly, in little memory: what lies close together is counted, what does not takes about two
-// bytes, at most four, as long as it is neither negative nor beyond 4.29 s; eight else.
+// Stores many values exactly in little memory. Values close together are counted; others take about two
+// bytes, at most four. Negative values and those beyond 4.29 s take eight.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@
 
 namespace ontime::statistics {
 
-// Times of a damaged file may be any numbers: what is beyond a clock's reach comes round, as it does there.
+// Times of a damaged file may be any numbers, so these calculations wrap around instead of overflowing.
 constexpr std::int64_t between(std::int64_t earlier, std::int64_t later) {
   return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
 }
@@ -24,7 +24,7 @@ constexpr std::int64_t nth_after(std::int64_t ns, std::int64_t period_ns, std::u
 
 // least, least + step …: `count` of them.
 struct Series {
-  // One whose times are of no clock has all its values at the first: it is the file that is damaged.
+  // If the times overflow (a damaged file), all values equal the first.
   static Series of(std::int64_t least, std::int64_t step, std::uint64_t count);
   std::int64_t least, step;
   std::uint64_t count;
@@ -35,7 +35,7 @@ struct Series {
 
 class Values {
  public:
-  static constexpr std::uint64_t short_series = 16;  // shorter ones take less as so many values
+  static constexpr std::uint64_t short_series = 16;  // a shorter series takes less memory as single values
   void add(std::int64_t value);
   void add_series(const Series&);  // in the memory of one value
   std::uint64_t count() const { return count_; }
@@ -58,10 +58,10 @@ class Values {
   std::uint64_t count_ = 0;
   std::int64_t min_ = 0, max_ = 0;
   std::int64_t sum_ = 0;
-  long double large_sum_ = 0;  // what did not fit in sum_
+  long double large_sum_ = 0;  // the part that did not fit in sum_
 };
 
-// Sorted as far as it is asked.
+// Sorts only as far as the calls need.
 class Ranks {
  public:
   explicit Ranks(Values);

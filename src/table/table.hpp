@@ -73,7 +73,8 @@ std::string as_latex(const Page&);
 // RFC 4180, lines ended by '\n'.
 std::string as_csv(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows);
 
-// HTML, between tags and within quoted attributes. What is not printable() is not let through either.
+// Escaped for HTML, between tags and within quoted attributes. Characters that are not printable() are
+// replaced, too.
 std::string escaped(const std::string& text);
 std::string note_as_html(const std::string& note);  // its lines stay lines
 std::string as_html(const Table&);                  // with its caption, conditions and notes

@@ -15,7 +15,7 @@ namespace {
 
 struct CodePoint {
   std::uint32_t value = 0;
-  std::size_t length = 0;  // in bytes; 0: there is none here
+  std::size_t length = 0;  // in bytes; 0: not a code point
 };
 
 // Of UTF-8, in its shortest form only.

@@ -27,7 +27,7 @@ class Tracefs {
   Tracefs();  // throws Error
   // Paths are within it.
   bool has(const std::string& path) const;
-  bool look(const std::string& path, struct stat&) const;  // false: there is none
+  bool look(const std::string& path, struct stat&) const;  // false: it does not exist
   std::string read(const std::string& path) const;         // throws Error
   void write(const std::string& path, const std::string& text) const;
   File open(const std::string& path, int flags) const;

@@ -18,10 +18,10 @@
 
 namespace ontime::transport::dds {
 
-inline constexpr int max_domain = 232;  // the last one whose ports exist
+inline constexpr int max_domain = 232;  // the last domain with valid ports
 inline constexpr std::size_t max_payload_bytes = std::size_t{16}
                                                  << 20;  // tested; DDS itself would go to 2 GiB
-inline constexpr int participants_per_host = 32;         // so many ports of a peer are tried
+inline constexpr int participants_per_host = 32;         // number of a peer's ports to try
 
 // Ports of domain d, participant p, as RTPS has them: 7400 + 250 d + offset, and + 2 p where not multicast.
 inline constexpr int base_port = 7400;
@@ -120,8 +120,8 @@ Sockets sockets();
 // one host send each other never leaves it.) Throws Error where the kernel does not.
 void keep_to_link(const Sockets& before, const Config& config, const std::string& transport);
 
-// Of participants on this host that look for others on another link than ours, for people; empty if there are
-// none.
+// Names participants on this host that search on another link than ours, for people; empty without such
+// participants.
 std::string others_elsewhere(const Config& config);
 
 struct Peer {
@@ -132,7 +132,7 @@ struct Peer {
 Peer resolve(const std::string& peer, const std::string& transport);
 
 // DDS says only for which policy it refused a match, by the number that the standard gives it. A reader may
-// not ask for more than a writer offers, so what the other end has follows for the policies of two values.
+// not request more than a writer offers, so the peer's value follows for policies with two values.
 enum class Policy : std::uint32_t { other = 0, durability = 2, reliability = 11 };
 std::string refused_writer(const Config& config, Policy policy);
 std::string refused_reader(const Config& config, Policy policy);

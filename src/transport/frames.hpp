@@ -88,7 +88,7 @@ class Alarm {
 
 // A Wire puts frames on a link and takes them off:
 //   Wire(const Config&, const Link&, std::uint64_t topic)  takes in frames of that topic alone; throws Error
-//   std::span<std::byte> room() noexcept                   for the next frame; empty if there is none now
+//   std::span<std::byte> room() noexcept                   for the next frame; empty: no frame is free now
 //   int send(std::size_t bytes, at_ns) noexcept            the bytes of room(), with Config::launch_ns to
 //                                                          leave then; 0, or why not
 //   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) with

@@ -57,7 +57,7 @@ inline std::string kernel_version() {
   return std::string("Linux ") + name.release;
 }
 
-// Gives this thread a table of file descriptors of its own with nothing but these two in it: a table that
+// Gives this thread a separate table of file descriptors with only these two in it: a table that
 // threads share costs two atomic operations a call. False if the kernel does not.
 inline bool keep_alone(int one, int other) noexcept {
   const auto low = static_cast<unsigned>(std::min(one, other));
@@ -117,7 +117,7 @@ inline void permit_launch_times(int fd) {
 }
 
 // What CLOCK_TAI will show when now_ns() is that. It is set together with the wall clock, so it is asked each
-// time; of several answers the one that took least is the surest. Whether the kernel knows what TAI is ahead
+// time; of several answers the fastest is the most accurate. Whether the kernel knows what TAI is ahead
 // of UTC does not matter: etf reads the same clock.
 inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   std::int64_t ahead_ns = 0, least_ns = std::numeric_limits<std::int64_t>::max();

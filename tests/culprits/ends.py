@@ -10,7 +10,7 @@ INTERFACE = {"controller": "to-component", "component": "to-controller"}
 OTHER = {"controller": "component", "component": "controller", "publisher": "taker", "taker": "publisher"}
 NODES = {}  # the process of a publisher and of a taker
 KTHREADD = 2  # whose children the kernel's threads are
-HOGGED = 1  # the CPU that is taken from an end; the other end has CPU 0
+HOGGED = 1  # the CPU that is taken from an end; its peer has CPU 0
 
 
 def inside(end, *command, **options):

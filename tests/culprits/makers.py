@@ -203,7 +203,7 @@ def link_down(end, chance):
     yield
 
 
-# Runs in the other end's namespace: bytes to ADDRESS, to each of PORTS at once and then again, for SECONDS; from each of SOURCES in
+# Runs in the peer's namespace: bytes to ADDRESS, to each of PORTS at once and then again, for SECONDS; from each of SOURCES in
 # turn, or from a port of its own.
 FLOOD = """
 import itertools, socket, struct, sys, time
@@ -223,7 +223,7 @@ OTHERS_BYTES = 100  # as tests/culprits/faults.cpp knows them
 
 
 def flood(end, ports, seconds, size, pause_s=0.0, sources=()):
-    """Packets from the other end to this one."""
+    """Packets from the peer to this end."""
     links = json.loads(inside(end, "ip", "-j", "-4", "addr", "show", "dev", INTERFACE[end]).stdout)
     address = links[0]["addr_info"][0]["local"]
     return subprocess.Popen(["ip", "netns", "exec", f"ontime-{OTHER[end]}", "taskset", "-c", "0", sys.executable, "-c", FLOOD,
@@ -239,7 +239,7 @@ def ports_of(end):
 @contextlib.contextmanager
 def small_buffer(end, _chance):
     """Its sockets hold a packet or two, and others than messages come to them, with which it is slow (see the fault)."""
-    # As if from the other end: a socket that is connected takes no others.
+    # As if from the peer: a socket that is connected takes no others.
     with ended([flood(end, ports_of(end), 1.0, OTHERS_BYTES, pause_s=0.0005, sources=ports_of(OTHER[end]))]):
         yield
 

@@ -102,7 +102,7 @@ class Neighbours(Program):
         self.assertEqual(search["ended"]["value"], "100 kHz", "two gigabytes a second are nowhere to be had")
         again = self.run_ontime("run", scenario, "--results", self.results, "--resume")
         self.assertEqual(again.returncode, 0, again.stderr)
-        self.assertEqual(len(self.report()), len(first), "all was done already")
+        self.assertEqual(len(self.report()), len(first), "resumed: all runs were in the results")
 
     def searches(self):
         return json.loads(self.run_ontime("report", self.results, "--format", "json").stdout)["searches"]

@@ -76,7 +76,7 @@ class Explain(unittest.TestCase):
         self.assertTrue(verdict("drop-in", dropped, dropped, dropped, dropped, unknown))
         self.assertFalse(verdict("drop-in", dropped, dropped, lost), "of the messages")
         self.assertTrue(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left")))
-        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left", "controller")), "the other end")
+        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left", "controller")), "the peer")
         self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 had no carrier", "left")), "no thread did it")
         self.assertFalse(verdict("link-down", dropped), "by another")
 

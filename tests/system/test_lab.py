@@ -468,7 +468,7 @@ class Machines(Lab):
         self.assertEqual(during["thread"], "0", text)
         self.assertNotEqual(seen["killed"]["groups"], seen["before"]["groups"], text)
         for moment in ("after", "reverted"):
-            self.assertIn(seen[moment].pop("interrupts"), ("", "0-1"), "of a NIC that is down there are none")
+            self.assertIn(seen[moment].pop("interrupts"), ("", "0-1"), "a NIC that is down has no interrupts")
         seen["refused"].pop("interrupts")
         del seen["before"]["interrupts"]
         for moment in ("after", "reverted", "refused"):

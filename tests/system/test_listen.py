@@ -161,8 +161,8 @@ class Listen(unittest.TestCase):
         self.assertEqual(len(rows["/cmd_vel period"]), flow["period"]["count"])
         self.assertGreaterEqual(flow["period"]["count"] + flow["not_judged"], len(taken) - 1)
         self.assertEqual([fate for _, fate in rows["/cmd_vel period"]].count(LATE), flow["late"])
-        # Each late one of the taker's own log is late, but while ontime set or removed probes: the middle of it lies in a
-        # period that is late, or in none.
+        # The middle of each late period in the taker's own log is in a late period here, or in none (while ontime set or
+        # removed probes).
         periods = self.periods()
         ahead = taken[-2][1] - periods[-1][0]
         found = 0

@@ -52,7 +52,8 @@ class Answers final : public Sink {
   std::vector<std::byte> payload_;
 };
 
-// Every size there and back. An end of ontime's writes its times into the first so many bytes.
+// Sends every payload size and waits for its reply. The first `others_bytes` bytes of a reply may differ:
+// ontime's server writes its times there.
 void exchange(Endpoint& endpoint, Answers& answers, std::size_t others_bytes = 0);
 
 }  // namespace ontime::transport

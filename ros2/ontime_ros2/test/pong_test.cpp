@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The answering end as a node, as a user of ROS 2 starts it, and a node that a user may write himself.
+// The server as a node, as a user of ROS 2 starts it, and a server node that a user wrote.
 #include <array>
 #include <chrono>
 #include <filesystem>

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The transport through its port: every executor, allocator and RMW carries messages there and back, and what
-// cannot be is said. Each end is a process of its own (two_ends.hpp), all in a network of their own.
+// The transport through its interface: every executor, allocator and RMW carries requests and replies, and
+// reports what it cannot do. Client and server are two processes (two_ends.hpp) in a separate network.
 #include "transport/transport.hpp"
 
 #include <algorithm>

@@ -290,7 +290,7 @@ const quantityOf = runs => runs.every(run => run.quantity === runs[0].quantity) 
 const runsIn = series => series.reduce((all, one) => all.concat(one.values || [one]), []);
 const allOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]);
 
-// Those that have round trips. What is not drawn is named.
+// The runs that have round trips. A note names the runs that are not drawn.
 function runsOf(figure) {
   const all = allOf(figure), lost = all.filter(run => !run.round_trip);
   if (lost.length > 0)

@@ -81,7 +81,7 @@ class Ring {
   void* memory_ = MAP_FAILED;
 };
 
-// The kernel drops what is not of our topic: no other frame wakes us.
+// The kernel drops frames of other topics, so that they do not wake us.
 void take_only(const PacketSocket& socket, std::uint64_t topic) {
   constexpr auto at = [](auto member) { return static_cast<std::uint32_t>(member); };
   std::array<std::uint32_t, 2> words{};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ROS 2 and its middlewares take settings from the environment. Nothing else of the process changes it, and
-// other threads that read it meanwhile there are none.
+// ROS 2 and its middlewares take settings from the environment. Nothing else in the process changes it, and
+// no other thread reads it at the same time.
 #pragma once
 
 #include <string>

@@ -31,7 +31,7 @@ class Graph {
   Matched matched() const noexcept { return matches_.now(); }  // any thread
 
  private:
-  // Other ends of our topics in the graph, whether or not they match.
+  // Readers and writers of peers on our topics in the graph, whether or not they match.
   using Known = std::pair<std::size_t, std::size_t>;  // readers and writers
 
   void run() noexcept;

@@ -29,8 +29,8 @@ void await_names(const std::vector<pid_t>& created) {
   } while (now_ns() < until_ns);
 }
 
-// Its thread that sends again sends everything then, and as it spins for locks it has no priority all the
-// same.
+// Then the thread for retransmissions sends everything. It still gets no priority, because it spins for
+// locks.
 bool sends_asynchronously() { return environment("RMW_FASTRTPS_PUBLICATION_MODE") == "ASYNCHRONOUS"; }
 
 std::vector<Thread> of_fastdds(const std::vector<pid_t>& created, int domain) {
