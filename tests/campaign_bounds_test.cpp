@@ -129,7 +129,8 @@ TEST_F(ScenarioFile, OnlyTextIsRead) {
   EXPECT_THAT(error("title: caf\xe9\n" + runs), HasSubstr(":1:11: byte 0xe9 is not UTF-8"));
   EXPECT_THAT(error("title: caf\xc3\xa9\n" + runs), "no error");
   EXPECT_THAT(error("title: a\x1b[2J\n" + runs), HasSubstr(":1:9: byte 0x1b is a control character"));
-  EXPECT_THAT(error("title: \"a\\e[2J\"\n" + runs), HasSubstr(":1:8: a control character"));
+  EXPECT_THAT(error("title: \"a\\e[2J\"\n" + runs),
+              testing::AllOf(HasSubstr(":1:8: "), HasSubstr("control character")));
   EXPECT_THAT(error("title: a\n\x04\n" + runs), HasSubstr(":2:1: byte 0x04")) << "yaml-cpp's end of file";
   EXPECT_THAT(error(std::string("title: a\0b\n", 11) + runs), HasSubstr(":1:9: byte 0x00"));
   EXPECT_THAT(error("\xff\xfet"), HasSubstr(":1:1: byte 0xff is not UTF-8"));

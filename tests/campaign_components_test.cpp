@@ -70,7 +70,8 @@ TEST_F(Components, InvalidNamesAndFormsAreRefusedWithTheirPlace) {
   EXPECT_THAT(of("arm"), AllOf(HasSubstr(":1:13: components: a list of names"), HasSubstr("[arm, base]")));
   EXPECT_THAT(of("[]"), HasSubstr("1 to 32"));
   for (const auto* odd : {"Arm", "1st", "left-arm", "_a", "abcdefghijklm", "a/b"})
-    EXPECT_THAT(of(std::string("[arm, ") + odd + "]"), AllOf(HasSubstr(":1:19: "), HasSubstr("is no name")))
+    EXPECT_THAT(of(std::string("[arm, ") + odd + "]"),
+                AllOf(HasSubstr(":1:19: "), HasSubstr("is not a name")))
         << odd;
   for (const auto* taken : {"controller", "component", "components", "link", "traffic", "qos", "period",
                             "options", "require", "id", "kernel", "controller_2"})

@@ -26,9 +26,8 @@ TEST_F(EarlierNames, AreReadAsTheCurrentOnesWithOneNoticeEach) {
   EXPECT_EQ(scenario.runs[2].task.background.topics, 2);
   EXPECT_EQ(scenario.runs[2].adds_to, "a");
   ASSERT_EQ(scenario.notices.size(), 4U) << "one for each name, however often it is used";
-  EXPECT_THAT(
-      scenario.notices.at("neighbours"),
-      testing::AllOf(HasSubstr(":2:"), HasSubstr("'neighbours.topics'"), HasSubstr("'background.topics'")));
+  EXPECT_THAT(scenario.notices.at("neighbours"),
+              testing::AllOf(HasSubstr(":2:"), HasSubstr("'neighbours'"), HasSubstr("'background'")));
   EXPECT_THAT(scenario.notices.at("adds-to"), testing::AllOf(HasSubstr(":5:"), HasSubstr("'baseline'")));
 }
 
@@ -61,9 +60,10 @@ TEST_F(EarlierNames, CurrentNamesHaveNoNotice) {
 }
 
 TEST(EarlierRecords, HaveKeysByTheirCurrentNames) {
-  const auto run = conditions::run_of_record({{"search", {{"key", "neighbours.rate"}, {"value", "1 Hz"}}},
-                                              {"varied", {{"neighbours.where", "same-node"}}},
-                                              {"neighbours", {{"topics", 4}}}});
+  const auto run =
+      conditions::run_of_record({{"search", {{"key", "neighbours.rate"}, {"value", "1 Hz"}}},
+                                 {"varied", nlohmann::json::array({{"neighbours.where", "same-node"}})},
+                                 {"neighbours", {{"topics", 4}}}});
   EXPECT_EQ(run.step.key, "background.rate");
   EXPECT_THAT(run.varied, ElementsAre(testing::Pair("background.where", "same-node")));
   EXPECT_EQ(run.task.background.topics, 4);

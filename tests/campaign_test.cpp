@@ -331,7 +331,7 @@ TEST_F(ScenarioFile, InvalidHostsAreRefusedWithTheirPlace) {
               HasSubstr("interface: 'a-name-too-long-for-linux'"));
   EXPECT_THAT(with("interface: ../x"), HasSubstr("interface: '../x'"));
   EXPECT_THAT(with("interface: wan=1"), HasSubstr("interface: 'wan=1'")) << "as tc and nft have it";
-  EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, reach, place, program, interface, address"));
+  EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, host-prefix, command-prefix, program"));
   EXPECT_THAT(with("host-prefix: [a], host-prefix: [b]"), HasSubstr("'host-prefix' occurs twice"));
 }
 
@@ -490,7 +490,7 @@ TEST_F(ScenarioFile, InvalidKernelSettingsAreRefused) {
   for (const auto& [kernel, expected] :
        std::map<std::string, std::string>{{"preset: mine", "paper, none"},
                                           {"ksoftirqd: 100", "kernel.ksoftirqd: '100'"},
-                                          {"gro: maybe", "neither on nor off"},
+                                          {"gro: maybe", "not on or off"},
                                           {"rmem-max: much", "kernel.rmem-max"},
                                           {"irq-thread: 9", "irq-threads"}})
     EXPECT_THAT(error("runs: [{id: a, transport: udp, kernel: {" + kernel + "}}]\n"), HasSubstr(expected))

@@ -161,7 +161,10 @@ TEST(Csv, HasAStableHeader) {
       "block_maxima_allowed,block_maxima_level_us,block_maxima_level_low_us,block_maxima_level_high_us,"
       "block_maxima_fit_p,peaks_over_threshold_allowed,peaks_over_threshold_level_us,"
       "peaks_over_threshold_level_low_us,peaks_over_threshold_level_high_us,peaks_over_threshold_fit_p,"
-      "wrong_size,wrong_server_times"));
+      "wrong_size,wrong_server_times,request_leg_us_min,request_leg_us_mean,request_leg_us_p50,"
+      "request_leg_us_p90,request_leg_us_p99,request_leg_us_p99.9,request_leg_us_p99.99,request_leg_us_max,"
+      "reply_leg_us_min,reply_leg_us_mean,reply_leg_us_p50,reply_leg_us_p90,reply_leg_us_p99,"
+      "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max"));
 }
 
 TEST(Csv, SaysWhatTheJsonSays) {

@@ -178,7 +178,7 @@ TEST(Summary, IsNotSureOfWhatWasNotRecorded) {
   EXPECT_FALSE(missing.round_trip_certainty[Figure::p50].sure.high);
   EXPECT_EQ(missing.missed_probability.messages, 0U);
   EXPECT_FALSE(missing.extremes.maxima || missing.extremes.peaks);
-  EXPECT_EQ(missing.extremes.refused, "1500 of its samples were not recorded");
+  EXPECT_EQ(missing.extremes.refused, "1500 samples were not recorded");
 }
 
 Sample answered(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped, std::int64_t took_ns) {

@@ -77,8 +77,8 @@ Said RunKeys::divided(const std::string& path) const {
 
 std::string RunKeys::current(const std::string& path) const {
   const auto [component, key] = divided(path);
-  const auto name = conditions::current_key(key);
-  return component.empty() || key.empty() ? name : component + "." + name;
+  if (component.empty()) return conditions::current_key(path);
+  return key.empty() ? path : component + "." + conditions::current_key(key);
 }
 
 Entries RunKeys::flat(const YAML::Node& run) const {
