@@ -66,6 +66,7 @@ campaign::Run RunFlags::run() const {
     throw Error(2, fmt::format("--transport NAME is missing; {}", transports_here()));
   try {
     campaign::complete(run);
+    campaign::check_transports(run);
   } catch (const std::invalid_argument& error) {
     throw Error(2, error.what());
   }

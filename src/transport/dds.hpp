@@ -18,10 +18,8 @@
 
 namespace ontime::transport::dds {
 
-inline constexpr int max_domain = 232;  // the last one whose ports exist
-inline constexpr std::size_t max_payload_bytes = std::size_t{16}
-                                                 << 20;  // tested; DDS itself would go to 2 GiB
-inline constexpr int participants_per_host = 32;         // so many ports of a peer are tried
+inline constexpr int max_domain = 232;            // the last one whose ports exist
+inline constexpr int participants_per_host = 32;  // so many ports of a peer are tried
 
 // Ports of domain d, participant p, as RTPS has them: 7400 + 250 d + offset, and + 2 p where not multicast.
 inline constexpr int base_port = 7400;

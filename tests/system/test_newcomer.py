@@ -50,7 +50,7 @@ class Newcomer(unittest.TestCase):
                                        (["ping", "--transprot", "udp"], 2, "'--transport'"),
                                        (["run", "dmeo"], 2, "'demo'"),
                                        (["run", "own.yaml", "--transports", "upd"], 3, "'udp'"),
-                                       (["ping", "--transport", "upd", "--loopback"], 3, "'udp'"),
+                                       (["ping", "--transport", "upd", "--loopback"], 2, "'udp'"),
                                        (["export", "r.ontime", "--only", "idel"], 2, "'idle'"),
                                        (["run", "own.yaml", "--duration", "5"], 2, "'5 s'")):
             with self.subTest(arguments):
