@@ -125,6 +125,18 @@ class Newcomer(unittest.TestCase):
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
 
+    def test_check_begins_with_its_errors_and_ends_with_their_names(self):
+        done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)
+        marks = re.findall(r"^(error  |warning|       ) ([a-z-]+): ", done.stdout, re.MULTILINE)
+        self.assertGreater(len(marks), 6)
+        order = ["error  ", "warning", "       "]
+        self.assertEqual(marks, sorted(marks, key=lambda mark: order.index(mark[0])))
+        errors = list(dict.fromkeys(check for level, check in marks if level == order[0]))
+        last = done.stdout[done.stdout.rindex("OK: "):]
+        self.assertEqual(done.returncode, 1 if errors else 0)
+        for check in errors:
+            self.assertIn(check, last)
+
     def test_help_and_check_break_lines_between_words(self):
         for columns in 40, 80:
             for arguments in [], ["--help"], ["run", "--help"], ["ping", "--help"], ["check"]:
@@ -136,6 +148,8 @@ class Newcomer(unittest.TestCase):
                     long = [line for line in lines if len(line) > columns
                             and "fix: " not in line and " " in line.strip()]
                     self.assertEqual(long, [])
+        piped = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60).stdout.splitlines()
+        self.assertEqual([line for line in piped if len(line) > 80 and "fix: " not in line], [])
         wide = self.ontime("ping", "--help").stdout
         self.assertGreater(max(map(len, wide.splitlines())), 80)  # man pages are made of it
 
