@@ -114,7 +114,7 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   const auto scenarios = campaign::read_scenarios(scenario_files(arguments.scenarios), selection);
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
-  auto& interrupts = catch_interrupts();
+  auto& interrupts = catch_interrupts("interrupted: restoring settings …");
   record::Writer writer(results);
   const auto known = arguments.resume ? 0 : writer.reader().runs().size();
   const auto done = arguments.resume ? done_in(writer.reader()) : campaign::Done();

@@ -35,8 +35,9 @@ class Terminal : public campaign::Observer {
 // "45 s", "12 min", "7 h 40 min".
 std::string about(std::chrono::duration<double>);
 
-// Counts SIGINT, SIGTERM and SIGHUP from now on.
-campaign::Interrupts& catch_interrupts();
+// Counts SIGINT, SIGTERM and SIGHUP from now on. The first one prints `notice`, because the end may take
+// seconds; "": nothing.
+campaign::Interrupts& catch_interrupts(const std::string& notice = "");
 // Whether the service manager stopped it: the last signal was SIGTERM, or until now only a worker got one.
 bool was_stopped();
 
