@@ -56,6 +56,15 @@ class Newcomer(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
 
+    def test_a_cpu_that_is_not_there_is_wrong_usage(self):
+        said = self.ontime("ping", "--transport", "udp", "--loopback", "--cpus", "1000", code=2).stderr
+        self.assertIn("--cpus", said)
+        self.assertIn("1000", said)
+
+    def test_an_option_that_is_given_twice_is_refused_by_name(self):
+        said = self.ontime("ping", "--transport", "udp", "--duration", "1 s", "--duration", "2 s", code=2).stderr
+        self.assertIn("--duration is given twice", said)
+
     def test_transports_are_listed_where_one_is_needed(self):
         for command in ("ping", "pong"):
             self.assertIn("udp", self.ontime(command, code=2).stderr)
