@@ -96,14 +96,16 @@ void Terminal::waits(const std::string& text) {
   if (interactive_) rewrite_line(table::printable(text));
 }
 
-void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {
+void Terminal::expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind) {
   runs_ = runs;
   left_ = time;
+  kind_of_time_ = kind;
 }
 
 std::string Terminal::next(const campaign::Run& run) {
   ++number_;
-  const auto count = runs_ > 1 ? fmt::format("[{}/{}, {} left] ", number_, runs_, about(left_)) : "";
+  const auto count =
+      runs_ > 1 ? fmt::format("[{}/{}, {}{} left] ", number_, runs_, about(left_), kind_of_time_) : "";
   left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;

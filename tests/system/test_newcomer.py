@@ -65,6 +65,12 @@ class Newcomer(unittest.TestCase):
         said = self.ontime("ping", "--transport", "udp", "--duration", "1 s", "--duration", "2 s", code=2).stderr
         self.assertIn("--duration is given twice", said)
 
+    def test_scenarios_of_the_lab_last_simulated_time(self):
+        lines = self.ontime("scenarios").stdout.splitlines()
+        self.assertTrue(any(line.startswith("lab/") for line in lines))
+        for line in lines:
+            self.assertEqual("simulated time" in line.rpartition(":")[2], line.startswith("lab/"), line)
+
     def test_transports_are_listed_where_one_is_needed(self):
         for command in ("ping", "pong"):
             self.assertIn("udp", self.ontime(command, code=2).stderr)
