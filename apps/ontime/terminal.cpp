@@ -27,7 +27,7 @@ namespace {
 
 campaign::Interrupts interrupts{0};
 volatile std::sig_atomic_t last_signal = 0;
-std::atomic<const char*> notice{nullptr};  // at the first signal
+std::atomic<const char*> first_notice{nullptr};  // at the first signal
 static_assert(std::atomic<const char*>::is_always_lock_free, "a signal handler reads it");
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
@@ -148,16 +148,16 @@ std::string about(std::chrono::duration<double> time) {
 
 campaign::Interrupts& catch_interrupts(const std::string& text) {
   static std::string kept;  // for the handler
-  notice = nullptr;
+  first_notice = nullptr;
   // On a terminal ^C stands on the line.
   kept = fmt::format("{}ontime: {}\n", isatty(STDERR_FILENO) != 0 ? "\n" : "",
                      for_terminal(text, STDERR_FILENO));
-  if (!text.empty()) notice = kept.c_str();
+  if (!text.empty()) first_notice = kept.c_str();
   orders::on_termination([](int signal) {
     last_signal = signal;
     orders::count_termination(interrupts, signal);
     const int error = errno;
-    if (const char* const first = notice.exchange(nullptr); first != nullptr) {
+    if (const char* const first = first_notice.exchange(nullptr); first != nullptr) {
       [[maybe_unused]] const auto written = write(STDERR_FILENO, first, std::strlen(first));
     }
     errno = error;
