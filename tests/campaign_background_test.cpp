@@ -97,7 +97,9 @@ TEST_F(BackgroundTopics, NodesAndExecutorsNeedRos2) {
 
 // Only its plug-in knows, and the agent asks it: tests/agent_test.cpp.
 TEST_F(BackgroundTopics, ForeignTransportIsNotRefused) {
-  EXPECT_EQ(error(with("topics: 1, where: same-node", "modest")), "no error");
+  EXPECT_EQ(error("hosts: {component: {ssh: robot, address: 10.0.0.2}}\n" +
+                  with("topics: 1, where: same-node", "modest")),
+            "no error");
 }
 
 TEST_F(BackgroundTopics, TopicNamesAreValidInRos) {

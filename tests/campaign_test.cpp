@@ -284,9 +284,31 @@ TEST_F(ScenarioFile, MeaninglessQuantitiesAreRefused) {
                           "link: {cut: 5 s for 1 us}",
                           "link: {cut: 10 s for 1 s}"})
     EXPECT_THAT(error(with(key)), testing::StartsWith(":1:")) << key;
-  for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 1 GiB", "payload: 0 B", "domain: 232",
-                          "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
+  for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 65475 B", "payload: 0 B",
+                          "domain: 232", "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
     EXPECT_EQ(error(with(key)), "no error") << key;
+}
+
+TEST_F(ScenarioFile, UnknownTransportOfThisMachineIsRefused) {
+  EXPECT_THAT(error("hosts: loopback\nruns:\n  - {id: a, transport: tcp}\n"),
+              testing::AllOf(testing::StartsWith(":3:"), HasSubstr("transport 'tcp'")));
+  EXPECT_THAT(error("runs: [{id: a, transport: [udp, upd]}]\n"), HasSubstr("did you mean 'udp'"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, component: {transport: tcp}}]\n"),
+              HasSubstr("transport 'tcp'"));
+  EXPECT_EQ(error("runs: [{id: a, transport: [xdp, opendds]}]\n"), "no error") << "known, installed or not";
+}
+
+TEST_F(ScenarioFile, UnknownTransportOfOtherMachinesIsAccepted) {
+  EXPECT_EQ(error("hosts: {component: {ssh: robot, address: 10.0.0.2}}\nruns: [{id: a, transport: mine}]\n"),
+            "no error");
+}
+
+TEST_F(ScenarioFile, PayloadBeyondATransportIsRefused) {
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, payload: 70 kB}\n"),
+              testing::AllOf(testing::StartsWith(":2:"), HasSubstr("65475"), HasSubstr("70000")));
+  EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, component: {transport: ros2}, payload: 2 MiB}]\n"),
+              HasSubstr("transport ros2"));
+  EXPECT_EQ(error("runs: [{id: a, transport: cyclonedds, payload: 16 MiB}]\n"), "no error");
 }
 
 TEST_F(ScenarioFile, HostsHaveTheirConnectionAndPrefix) {

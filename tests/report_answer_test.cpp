@@ -265,6 +265,18 @@ TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
   EXPECT_THAT(commands_of(answer_of({one}, kept)), Not(Contains(HasSubstr("--cable"))));
 }
 
+TEST(Answer, TheNextCommandNamesAScenarioOfAFolderAsTheUserDid) {
+  auto one = run_without_a_late_message();
+  amend(one.run.asked, "/scenario_file", "/usr/share/ontime/scenarios/lab/round-trips.yaml");
+  amend(one.run.asked, "/command_line", {"ontime", "lab", "run", "lab/round-trips", "--duration", "1s"});
+  amend(one.run.outcome, "/hosts/controller/machine/simulated", "QEMU");
+  EXPECT_THAT(commands_of(answer_of({one}, kept)),
+              Contains("ontime lab run lab/round-trips --duration 5min"));
+  amend(one.run.asked, "/scenario_file", "/home/me/run.yaml");
+  amend(one.run.asked, "/command_line", {"ontime", "lab", "run", "here/run.yaml"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime lab run here/run.yaml --duration 5min"));
+}
+
 TEST(Answer, TheNextCommandNamesNoOptionTwice) {
   auto one = run_without_a_late_message();
   amend(one.run.asked, "/scenario_file", "");

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Why messages were late or lost: on the page, and for Perfetto.
+#include <algorithm>
 #include <set>
 
 #include "page/page.hpp"
 #include "page/parts.hpp"
 #include "report/explained.hpp"
 #include "report_fixture.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
 namespace {
@@ -413,6 +415,41 @@ TEST(OwnMessages, OnTimeMessagesNeedNoCause) {
     const auto text = render_explained({{run, explain::account_of(reader, run), {}}}, Format::table);
     EXPECT_THAT(text, HasSubstr(is_late ? "causes unknown" : "no message was late"));
   }
+}
+
+TEST(RenderExplained, RunsWithoutExplainAreCountedInOneLine) {
+  std::vector<Explained> all(12);
+  const auto none = render_explained(all, Format::table);
+  EXPECT_THAT(none, AllOf(HasSubstr("12 runs"), HasSubstr("explain: on")));
+  EXPECT_EQ(std::ranges::count(none, '\n'), 1);
+  all.front().account.traced = true;
+  EXPECT_THAT(render_explained(all, Format::table),
+              AllOf(HasSubstr("nothing was late or lost"), HasSubstr("11 of the 12 runs")));
+  EXPECT_THAT(render_explained({all.back()}, Format::table), HasSubstr("run 0"));
+}
+
+TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
+  Explained one;
+  one.account.traced = true;
+  one.account.late = 1;
+  explain::Group group;
+  group.messages = 23;
+  group.culprit.cause = explain::Cause::idle_cpu;
+  group.culprit.end = "controller";
+  group.culprit.thread = "send";
+  group.remedy = {{{"realtime.cpu-latency", "0 us"}}, std::string(60, 'x')};
+  one.account.groups = {group};
+  const auto text = render_explained({one}, Format::table);
+  std::size_t more = 0;
+  for (const auto& line : table::split(text, '\n')) {
+    EXPECT_LE(table::width_of(line), 80) << line;
+    more += line.starts_with(std::string(10, ' ')) ? 1 : 0;
+  }
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("\n    23  ping's send thread"), HasSubstr("\n       → realtime.cpu-latency")));
+  EXPECT_GE(more, 2U);
+  const auto markdown = render_explained({one}, Format::markdown);
+  EXPECT_THAT(markdown, HasSubstr("or a hypervisor paused it"));
 }
 
 TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {

@@ -247,12 +247,19 @@ TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
 }
 
 TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
-  const auto kept = keep({}, of_an_interface,
-                         {{"controller", {"eth3", ""}}, {"component", {"eth0", "robot"}}}, "/usr/bin/env");
+  const auto kept =
+      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth0", ""}}}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(2));
   EXPECT_EQ(kept.units[0].host, "component");
-  EXPECT_THAT(kept.units[0].text, HasSubstr("--interface eth0 --namespace robot"));
+  EXPECT_THAT(kept.units[0].text, HasSubstr("--interface eth0\n"));
   EXPECT_THAT(kept.units[1].text, HasSubstr("--interface eth3"));
+}
+
+TEST(Keep, AnInterfaceInANetworkNamespaceHasNoUnit) {
+  const auto kept = keep({}, of_an_interface, {{"component", {"eth0", "robot"}}}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_EQ(kept.units[0].text, "");
+  EXPECT_THAT(kept.units[0].why_not, HasSubstr("robot"));
 }
 
 TEST(Keep, AnUnknownInterfaceOfOneHostHasAPlaceholder) {

@@ -101,6 +101,29 @@ TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
   EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
 }
 
+TEST(Words, ValuesOfAllThingsAreOneThatCanBeSet) {
+  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
+  const auto shown = [&](const std::string& of_first, const std::string& of_second) {
+    return values_that_keep({&setting("ksoftirqd"), {{first, of_first}, {second, of_second}}, ""});
+  };
+  EXPECT_EQ(shown("other:0", "other:0"), "other");
+  EXPECT_EQ(shown("fifo:60", "other:0"), "0=60,1=other");
+  EXPECT_EQ(refused("ksoftirqd", shown("fifo:60", "other:0")), "");
+  const auto interrupts = [&](const std::string& last) {
+    return values_that_keep({&setting("irq-cpus"),
+                             {{{&interrupt, "37:PCI-MSI 1"}, "0"}, {{&interrupt, "38:PCI-MSI 2"}, last}},
+                             ""});
+  };
+  EXPECT_EQ(interrupts("0"), "0");
+  EXPECT_EQ(interrupts("1"), "interrupt 37 0, interrupt 38 1");
+  EXPECT_EQ(values_that_keep({&setting("irq-cpus"), {}, ""}), "");
+}
+
+TEST(Words, RefusedPriorityNamesTheOtherForms) {
+  EXPECT_THAT(refused("irq-threads", "fast"), AllOf(HasSubstr("1 to 99"), HasSubstr("other")));
+  EXPECT_THAT(refused("ksoftirqd", "fast"), AllOf(HasSubstr("1 to 99"), HasSubstr("0=60,1=other")));
+}
+
 TEST(Words, CoalescingChangesOnlyTheStatedFields) {
   EXPECT_EQ(with_coalescing("rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off",
                             "rx-usecs=0,adaptive-rx=off"),
@@ -548,6 +571,17 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
                       "--pid 0-1 \"$pid\"; done\n")));
 }
 
+TEST(Boot, NetworkNamespaceIsRefusedInEveryForm) {
+  for (const auto form : {Form::systemd, Form::tmpfiles, Form::shell})
+    EXPECT_THROW(at_every_boot(form, {{"gro", "off"}}, {}, {"eth0", "robot"}, "/usr/bin/env"), WrongInput);
+}
+
+TEST(Plan, UnknownCpusAndInterfacesAreWrongInput) {
+  EXPECT_THROW(setting("rps").wanted("1000", {&steering, "3:eth0/rx-0"}, "none"), Unknown);
+  EXPECT_THROW(plan({{"rps", "0"}}, {"nonet0", ""}), WrongInput);
+  EXPECT_THROW(show({"nonet0", ""}), WrongInput);
+}
+
 // Any user has a network namespace with interfaces, and so threads, of any name.
 TEST(Boot, NamesWithSpecialCharactersAreRefusedOrEscaped) {
   const auto script_for = [](const std::string& name) {
@@ -570,7 +604,6 @@ TEST(Boot, SystemdUnitNeedsPlainWordsAndAProgramOfRoot) {
   EXPECT_EQ(refused_of({}, "/usr/bin/env"), "");
   for (const std::string bad : {"eth0\nExecStartPre=/tmp/x", "a b", "%h", "$x", "'"}) {
     EXPECT_THAT(refused_of({bad, ""}, "/usr/bin/env"), HasSubstr("cannot be"));
-    EXPECT_THAT(refused_of({"eth0", bad}, "/usr/bin/env"), HasSubstr("cannot be"));
     EXPECT_THAT(refused_of({}, "/usr/bin/" + bad), HasSubstr("cannot be"));
   }
   EXPECT_THAT(refused_of({}, "/usr/bin/none"), HasSubstr("install"));

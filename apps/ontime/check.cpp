@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <functional>
 
 #include <fmt/format.h>
 
@@ -21,10 +22,12 @@ using table::printable;
 
 std::string text_of(const Finding& finding, std::size_t columns) {
   const bool narrow = columns < fewest_for_two, fine = finding.severity == Severity::fine;
-  const auto mark = fine ? "" : fmt::format("{:<7} ", fitness::word_of(finding.severity));
+  const std::string mark = fine ? "" : fitness::word_of(finding.severity);
   const std::string below(narrow ? 2 : 10, ' ');
-  auto text = table::wrapped(mark + finding.check + ": " + printable(finding.is), columns,
-                             fine ? std::string(narrow ? 2 : 8, ' ') : "");
+  const auto found = finding.check + ": " + printable(finding.is);
+  auto text = narrow && !fine ? table::wrapped(mark + " " + found, columns)
+                              : table::wrapped(found, columns, std::string(narrow ? 2 : 8, ' '));
+  if (!narrow) text.replace(0, mark.size(), mark);
   for (const auto& [label, words] : {std::pair{"should be", finding.should}, {"because", finding.why}})
     if (!words.empty())
       text += table::wrapped(fmt::format("{}: {}", label, printable(words)), columns, below);
@@ -48,7 +51,16 @@ nlohmann::json json_of(const Finding& finding) {
           {"to_mend_it", finding.remedy}};
 }
 
-int print_findings(const std::vector<Finding>& findings, bool as_json) {
+// The names of the checks with errors, each once.
+std::string errors_of(const std::vector<Finding>& findings) {
+  std::vector<std::string> names;
+  for (const auto& finding : findings)
+    if (finding.severity == Severity::wrong && std::ranges::find(names, finding.check) == names.end())
+      names.push_back(finding.check);
+  return table::join(names, ", ");
+}
+
+int print_findings(std::vector<Finding> findings, bool as_json) {
   const bool fit = fitness::fit(findings);
   if (as_json) {
     auto all = nlohmann::json::array();
@@ -56,8 +68,15 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
-  for (const auto& finding : findings) print(text_of(finding, reading_columns()));
-  print(fmt::format("{}: {}\n", fit ? "OK" : "not OK", fitness::counts_of(findings)));
+  const auto columns = output_columns();
+  std::ranges::stable_sort(findings, std::greater(), &Finding::severity);
+  for (const auto& finding : findings) print(text_of(finding, columns));
+  const auto warnings =
+      static_cast<std::uint64_t>(std::ranges::count(findings, Severity::hint, &Finding::severity));
+  print(table::wrapped(
+      fit ? "OK: " + fitness::counts_of(findings)
+          : fmt::format("not OK: {}; {}", errors_of(findings), table::many(warnings, "warning", "warnings")),
+      columns));
   return fit ? 0 : 1;
 }
 

@@ -55,6 +55,9 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   else if (!unknown.empty() && dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr)
     text = (unknown.front().starts_with('-') ? "unknown option '" : "unexpected argument '") +
            unknown.front() + "'";
+  // CLI11 counts: "--duration: At Most 1 required but received 2".
+  else if (const auto end = text.find(": At Most 1 required"); end != text.npos)
+    text.replace(end, text.npos, " is given twice");
   return "ontime: " + text + meant(command, unknown) + "\nSee: " + path_of(command) + " --help\n";
 }
 

@@ -103,9 +103,11 @@ int explain(const ExplainArguments& arguments) {
   for (const auto& run : runs)
     all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), notes_of(reader, run)});
   if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
-  write_whole("", arguments.message ? report::render_explained(
-                                          all.front(), message_of(all.front(), *arguments.message), format)
-                                    : report::render_explained(all, format));
+  const auto columns = output_columns();
+  write_whole("", arguments.message
+                      ? report::render_explained(all.front(), message_of(all.front(), *arguments.message),
+                                                 format, columns)
+                      : report::render_explained(all, format, columns));
   return 0;
 }
 

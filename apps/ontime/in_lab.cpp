@@ -155,6 +155,12 @@ std::vector<std::string> InLab::command() const {
   return words;
 }
 
+// Of a scenario's file in the lab's machine.
+std::string InLab::name_here(const std::string& there) const {
+  const auto file = std::ranges::find(scenarios_, fs::path(there), &lab::File::there);
+  return file == scenarios_.end() ? there : file->here.string();
+}
+
 LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign::Interrupts& interrupts) {
   const auto known = writer.reader().runs().size();
   LabEnd end;
@@ -164,6 +170,7 @@ LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign
     const record::Reader reader(sent.string());
     for (auto& run : reader.runs()) {
       run.asked.document["command_line"] = command_line();  // as typed on this machine
+      run.asked.document["scenario_file"] = name_here(run.asked.scenario_file);
       record::copy_run(reader, run, writer);
     }
   };

@@ -55,6 +55,7 @@ class InLab {
   LabEnd measure(record::Writer&, Terminal&, const campaign::Interrupts&);
 
  private:
+  std::string name_here(const std::string& there) const;
   std::vector<std::string> command() const;
   lab::Machine machine_;
   const LabTask task_;

@@ -34,8 +34,9 @@ void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
   for (const auto& name : names)
     if (std::ranges::find(here, name) == here.end())
-      throw campaign::Error(3, fmt::format("--transports: transport '{}' is not installed{}; installed: {}",
-                                           name, spelling::suggestion(name, here), fmt::join(here, ", ")));
+      throw campaign::Error(transport::shipped(name) != nullptr ? 3 : 2,
+                            fmt::format("--transports: transport '{}' is not installed{}; installed: {}",
+                                        name, spelling::suggestion(name, here), fmt::join(here, ", ")));
 }
 
 using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // with the run's number

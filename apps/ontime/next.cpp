@@ -53,8 +53,8 @@ int show_next() {
   };
   if (const auto results = newest_results(); !results.empty())
     add("ontime report " + table::shell_line({results}), "the newest results in this folder");
-  if (transports.empty())
-    add("ls ../lib/ontime", "no transports: reinstall ontime");
+  if (transports.empty())  // ping then names the folders where ontime looks for them
+    add("ontime ping --transport udp --loopback", "no transport is installed: see why");
   else
     add(fmt::format("ontime ping --transport {} --loopback",
                     shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),

@@ -7,6 +7,8 @@
 #include <fmt/ranges.h>
 
 #include "flags.hpp"
+#include "realtime/realtime.hpp"
+#include "settings/settings.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::app {
@@ -19,6 +21,15 @@ namespace {
 std::string transports_here() {
   const auto names = transport::available();
   return names.empty() ? "no transport is installed" : fmt::format("installed: {}", fmt::join(names, ", "));
+}
+
+// For programs of this machine.
+void check_cpus(const std::string& flag, const std::string& list) {
+  const auto there = settings::online_cpus();
+  for (const int cpu : realtime::cpus_of(list).value_or(std::vector<int>{}))
+    if (std::ranges::find(there, cpu) == there.end())
+      throw Error(2,
+                  fmt::format("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there)));
 }
 
 }  // namespace
@@ -51,6 +62,7 @@ campaign::Run RunFlags::run() const {
     const bool alone = value.empty() && key.values == "on|off";
     if (value.empty() && !alone) throw Error(2, fmt::format("{}: a value is needed", key.flag));
     read_flag(key.flag, [&] { key.set(run, alone ? "on" : value); });
+    if (key.path.ends_with(".cpus")) check_cpus(key.flag, value);
   }
   if (std::ranges::any_of(peers_, [](const auto& peer) { return peer.empty(); }))
     throw Error(2, "--peer: a value is needed");
@@ -66,6 +78,7 @@ campaign::Run RunFlags::run() const {
     throw Error(2, fmt::format("--transport NAME is missing; {}", transports_here()));
   try {
     campaign::complete(run);
+    campaign::check_transports(run);
   } catch (const std::invalid_argument& error) {
     throw Error(2, error.what());
   }

@@ -60,9 +60,11 @@ std::string text_of(const std::vector<ordered_json>& lines) {
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    text += fmt::format("{:{}}  {}: {}{}, {}\n", name, width, table::printable(line.at("title")),
+    const bool is_of_lab = name.starts_with("lab/") && name != line.at("file");
+    text += fmt::format("{:{}}  {}: {}{}, {}{}\n", name, width, table::printable(line.at("title")),
                         line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),
-                        about(std::chrono::duration<double>(line.at("seconds").get<double>())));
+                        about(std::chrono::duration<double>(line.at("seconds").get<double>())),
+                        is_of_lab ? simulated_time : "");
   }
   return text;
 }

@@ -2,10 +2,12 @@
 #include "terminal.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <fstream>
 #include <sstream>
 #include <string_view>
@@ -25,6 +27,8 @@ namespace {
 
 campaign::Interrupts interrupts{0};
 volatile std::sig_atomic_t last_signal = 0;
+std::atomic<const char*> first_notice{nullptr};  // at the first signal
+static_assert(std::atomic<const char*>::is_always_lock_free, "a signal handler reads it");
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
 
@@ -92,14 +96,16 @@ void Terminal::waits(const std::string& text) {
   if (interactive_) rewrite_line(table::printable(text));
 }
 
-void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {
+void Terminal::expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind) {
   runs_ = runs;
   left_ = time;
+  kind_of_time_ = kind;
 }
 
 std::string Terminal::next(const campaign::Run& run) {
   ++number_;
-  const auto count = runs_ > 1 ? fmt::format("[{}/{}, {} left] ", number_, runs_, about(left_)) : "";
+  const auto count =
+      runs_ > 1 ? fmt::format("[{}/{}, {}{} left] ", number_, runs_, about(left_), kind_of_time_) : "";
   left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
@@ -140,10 +146,21 @@ std::string about(std::chrono::duration<double> time) {
   return min % 60 == 0 ? fmt::format("{} h", min / 60) : fmt::format("{} h {} min", min / 60, min % 60);
 }
 
-campaign::Interrupts& catch_interrupts() {
+campaign::Interrupts& catch_interrupts(const std::string& text) {
+  static std::string kept;  // for the handler
+  first_notice = nullptr;
+  // On a terminal ^C stands on the line.
+  kept = fmt::format("{}ontime: {}\n", isatty(STDERR_FILENO) != 0 ? "\n" : "",
+                     for_terminal(text, STDERR_FILENO));
+  if (!text.empty()) first_notice = kept.c_str();
   orders::on_termination([](int signal) {
     last_signal = signal;
     orders::count_termination(interrupts, signal);
+    const int error = errno;
+    if (const char* const first = first_notice.exchange(nullptr); first != nullptr) {
+      [[maybe_unused]] const auto written = write(STDERR_FILENO, first, std::strlen(first));
+    }
+    errno = error;
   });
   return interrupts;
 }

@@ -9,8 +9,8 @@ namespace ontime::app {
 class Terminal : public campaign::Observer {
  public:
   Terminal();
-  // The number of runs and their total time, to show progress.
-  void expect(std::size_t runs, std::chrono::duration<double> time);
+  // The number of runs, their total time and its kind, simulated_time or "", to show progress.
+  void expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind);
   void note(const std::string& text) override;
   void line(const std::string& text);   // a line of another ontime, which has its own prefix
   void waits(const std::string& text);  // the next output replaces it
@@ -29,14 +29,17 @@ class Terminal : public campaign::Observer {
   std::string head_;
   std::size_t runs_ = 1, number_ = 0;
   std::chrono::duration<double> left_{0};  // of this run and all after it
+  std::string kind_of_time_;
   std::chrono::nanoseconds duration_{0};
 };
 
 // "45 s", "12 min", "7 h 40 min".
 std::string about(std::chrono::duration<double>);
+inline constexpr const char* simulated_time = " of simulated time";  // after about()
 
-// Counts SIGINT, SIGTERM and SIGHUP from now on.
-campaign::Interrupts& catch_interrupts();
+// Counts SIGINT, SIGTERM and SIGHUP from now on. The first one prints `notice`, because the end may take
+// seconds; "": nothing.
+campaign::Interrupts& catch_interrupts(const std::string& notice = "");
 // Whether the service manager stopped it: the last signal was SIGTERM, or until now only a worker got one.
 bool was_stopped();
 

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Settings of a machine, applied by hand until revert or a reboot.
+#include <set>
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -33,8 +35,8 @@ settings::Link link_of(const TuneArguments& arguments) {
   return link;
 }
 
-// Reads NAME=VALUE by the table of scenario keys.
-void set(campaign::Run& run, const std::string& said) {
+// Reads NAME=VALUE by the table of scenario keys. Returns NAME.
+std::string set(campaign::Run& run, const std::string& said) {
   const auto equals = said.find('=');
   if (equals == said.npos || equals == 0)
     throw Error(2, fmt::format("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said));
@@ -44,7 +46,8 @@ void set(campaign::Run& run, const std::string& said) {
     if (!key.path.starts_with("kernel.")) continue;
     names.push_back(key.path.substr(7));
     if (names.back() != name) continue;
-    return read_flag("--set " + name, [&] { key.set(run, said.substr(equals + 1)); });
+    read_flag("--set " + name, [&] { key.set(run, said.substr(equals + 1)); });
+    return name;
   }
   throw Error(2, fmt::format("--set: unknown setting '{}'. Settings: {}", name, fmt::join(names, ", ")));
 }
@@ -94,7 +97,10 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
 
 int apply(const TuneArguments& arguments) {
   auto run = run_of(arguments);
-  for (const auto& said : arguments.sets) set(run, said);
+  std::set<std::string> stated;
+  for (const auto& said : arguments.sets)
+    if (const auto [name, is_new] = stated.insert(set(run, said)); !is_new)
+      throw Error(2, fmt::format("--set: {} is given twice", *name));
   if (run.kernel.empty())
     throw Error(2, "nothing to set. Fix: --set NAME=VALUE, or --scenario FILE --only ID");
   const auto link = link_of(arguments);
@@ -147,19 +153,13 @@ int show(const TuneArguments& arguments) {
   std::string text;
   for (const auto& state : settings::show(link_of(arguments))) {
     auto things = json::object();
-    std::vector<std::string> words;
-    for (const auto& [thing, value] : state.things) {
-      things[thing.title()] = value;
-      const auto word = settings::value_that_keeps(*state.setting, thing, value);
-      words.push_back(state.things.size() == 1 ? word : fmt::format("{} {}", thing.title(), word));
-    }
+    for (const auto& [thing, value] : state.things) things[thing.title()] = value;
     all.push_back({{"setting", state.setting->name},
                    {"values", state.setting->values},
                    {"now", things},
                    {"cannot", state.cannot.empty() ? json() : json(state.cannot)}});
-    if (words.empty()) words.push_back("-");
     text += fmt::format("{:<16}  {}{}\n", state.setting->name,
-                        printable(fmt::format("{}", fmt::join(words, ", "))),
+                        state.things.empty() ? "-" : printable(settings::values_that_keep(state)),
                         state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")");
   }
   if (json_asked)
@@ -229,7 +229,13 @@ void add_tune(Command& app) {
   auto arguments = std::make_shared<TuneArguments>();
   const auto add = [&](const char* name, const char* what, int (*act)(const TuneArguments&)) {
     auto* added = command->add_subcommand(name, what);
-    added->calls([arguments, act] { return act(*arguments); });
+    added->calls([arguments, act] {
+      try {
+        return act(*arguments);
+      } catch (const settings::WrongInput& error) {
+        throw Error(2, error.what());
+      }
+    });
     return added;
   };
   const auto add_place = [&](Command* to) {

@@ -359,7 +359,7 @@ int run(const Arguments& arguments) {
     asked.bounds.cpus = cpus_of(arguments, isolation::cpus_of_thread(getpid()));
   }
   check_results(asked.results, arguments.resume);
-  auto& interrupts = catch_interrupts();
+  auto& interrupts = catch_interrupts("interrupted: restoring settings …");
   Terminal terminal;
   if (!arguments.resume && arguments.send_to.empty())
     check_time(arguments, asked.within, plan_of(asked), terminal);

@@ -181,8 +181,8 @@ void Machines::open(Machine& machine, const Transports& transports) {
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
   tell(opened.at("notes"));
   if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
-    throw Error(3, fmt::format("{}: {}. Or choose other transports: --transports NAME",
-                               machine.keeper->name(), fmt::join(lacks, "; ")));
+    throw Error(3, fmt::format("{}: {}. Or choose another transport", machine.keeper->name(),
+                               fmt::join(lacks, "; ")));
 }
 
 // Two entries that are reached differently are one machine if they have the same boot id.

@@ -52,7 +52,7 @@ const Row rows[] = {
      "{0} was ready, but no event shows its CPU running: slow exit from an idle state, or a hypervisor "
      "paused it",
      none,
-     "in a virtual machine pin its CPUs at the host",
+     "if a hypervisor paused the CPU, pin it on the host",
      {{"realtime.cpu-latency", "0 us"}}},
     {Cause::stopped, "stopped", "{0} was stopped by a signal", "{0} was stopped by a signal from {1}",
      "find what sends SIGSTOP or SIGTSTP"},

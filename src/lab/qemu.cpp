@@ -66,7 +66,8 @@ bool takes_turns(const std::string& version) {
 }
 
 std::string kernel_words(const Machine& machine, Accelerator accelerator, const std::string& version) {
-  std::string time = accelerator == Accelerator::kvm ? "KVM, live time" : "live time";
+  std::string time = accelerator == Accelerator::kvm ? "KVM, " : "";
+  time += machine::live_time;
   if (machine.deterministic) time = "time from counted instructions, 2 ns each";
   if (machine.deterministic && machine.cpus > 1) time += fmt::format(", {} CPUs in turn", machine.cpus);
   const auto what = fmt::format("QEMU {}, {}, {}", version, machine.nic, time);

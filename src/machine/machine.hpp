@@ -52,6 +52,8 @@ std::int64_t realtime_offset_ns();
 std::optional<std::string> simulated(const std::string& command_line);
 // The word on the command line that states it.
 std::string simulated_by(const std::string& what);
+// In that text: the simulator's seconds are real ones.
+inline constexpr const char* live_time = "live time";
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
 struct Activity {

@@ -35,10 +35,12 @@ bool is_simulated(const Summary& run) {
 std::string scenario_of(const Summary& run) {
   const std::filesystem::path file(run.run.asked.scenario_file);
   if (file.empty()) return "";
-  for (const auto& word : run.run.asked.command_line)
-    if (!word.starts_with('-') &&
-        (word == file.stem() || std::filesystem::path(word).filename() == file.filename()))
-      return word;
+  const auto& words = run.run.asked.command_line;
+  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
+  for (std::size_t i = first; i < words.size(); ++i) {
+    const auto name = std::filesystem::path(words[i]).filename();  // of "demo", "lab/tsn" and "demo.yaml"
+    if (!words[i].starts_with('-') && (name == file.stem() || name == file.filename())) return words[i];
+  }
   return file.string();
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <iterator>
 #include <map>
+#include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -73,13 +75,16 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
   return text;
 }
 
+constexpr const char* untraced = "causes unknown: measured without `explain: on`";
+bool is_untraced(const Explained& one) { return !one.run.asked.is_listened() && !one.account.traced; }
+
 std::string text_of(const Explained& one, const Marks& marks) {
   if (one.run.asked.is_listened()) return text_of_listened(one, marks);
   const auto& account = one.account;
   const auto heading = [&](const std::string& rest) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
   };
-  if (!account.traced) return heading("causes unknown: measured without `explain: on`");
+  if (!account.traced) return heading(untraced);
   const auto faults = faults_of(account);
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
@@ -116,6 +121,30 @@ std::string text_of(const Explained& one, const Message& message, const Marks& m
       text += fmt::format("{}{}\n", marks.below, printable(remedy));
   if (!message.whole) text += fmt::format("{}some kernel events around it are missing\n", marks.item);
   return text;
+}
+
+// Breaks long lines between words; they go on below the text of their item. Viewers of Markdown do so
+// themselves.
+std::string fitted(std::string text, Format format, std::size_t columns) {
+  if (format == Format::markdown) return text;
+  constexpr std::size_t items_end = 24;  // the last column where an item's text begins
+  constexpr std::string_view arrow = "→ ";
+  std::string lines;
+  text.pop_back();  // the newline after the last line
+  for (const auto& line : split(text, '\n')) {
+    if (width_of(line) <= columns) {
+      lines += line + "\n";
+      continue;
+    }
+    auto at = line.find_first_not_of(' ');
+    if (const auto gap = line.rfind("  ", items_end); gap != line.npos && gap >= at)
+      at = line.find_first_not_of(' ', gap);
+    if (line.compare(at, arrow.size(), arrow) == 0) at += arrow.size();
+    const auto head = line.substr(0, at);
+    lines +=
+        wrapped(line.substr(at), columns, std::string(width_of(head), ' ')).replace(0, width_of(head), head);
+  }
+  return lines;
 }
 
 ordered_json json_of(const Part& part) {
@@ -210,16 +239,31 @@ std::string sentence_of(const explain::Group& group) {
   return printable(explain::sentence_of(part) + of_the_delay(group));
 }
 
-std::string render_explained(const std::vector<Explained>& all, Format format) {
+std::string render_explained(const std::vector<Explained>& all, Format format, std::size_t columns) {
   if (format == Format::json)
     return array_of(all, [](const Explained& one) { return json_of(one); }).dump(2) + "\n";
   std::string text;
-  for (const auto& one : all) text += (text.empty() ? "" : "\n") + text_of(one, marks_of(format));
+  const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "\n") + more; };
+  const auto without = std::ranges::count_if(all, is_untraced);
+  for (const auto& one : all)
+    if (without < 2 || !is_untraced(one)) {
+      auto own = text_of(one, marks_of(format));
+      // The commands of listened messages stay whole, as `ontime listen` prints them.
+      add(one.run.asked.is_listened() ? std::move(own) : fitted(std::move(own), format, columns));
+    }
+  if (without > 1)  // one sentence for all of them
+    add(std::cmp_equal(without, all.size())
+            ? fmt::format(
+                  "None of the {} runs was measured with `explain: on`. Fix: measure with --explain\n",
+                  without)
+            : fmt::format("{} of the {} runs: {}\n", without, all.size(), untraced));
   return text;
 }
 
-std::string render_explained(const Explained& one, const Message& message, Format format) {
-  return format == Format::json ? json_of(message).dump(2) + "\n" : text_of(one, message, marks_of(format));
+std::string render_explained(const Explained& one, const Message& message, Format format,
+                             std::size_t columns) {
+  return format == Format::json ? json_of(message).dump(2) + "\n"
+                                : fitted(text_of(one, message, marks_of(format)), format, columns);
 }
 
 }  // namespace ontime::report

@@ -3,6 +3,7 @@
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
+#include <cstddef>
 #include <string>
 #include <vector>
 
@@ -18,10 +19,10 @@ struct Explained {
   std::vector<record::Note>
       notes{};  // of a run of `ontime listen`: why messages were late, as it was seen then
 };
-// As table, Markdown or JSON.
-std::string render_explained(const std::vector<Explained>&, Format);
+// As table, whose lines fit so many columns, Markdown or JSON.
+std::string render_explained(const std::vector<Explained>&, Format, std::size_t columns = 80);
 // All of one message's delay.
-std::string render_explained(const Explained&, const explain::Message&, Format);
+std::string render_explained(const Explained&, const explain::Message&, Format, std::size_t columns = 80);
 
 // What was seen around these messages of a run, for ui.perfetto.dev and chrome://tracing.
 std::string perfetto_of(const record::Reader&, const record::Run&, const std::vector<explain::Message>&,

@@ -265,6 +265,7 @@ class Combinations {
     }
     try {
       complete(run);
+      if (origin_.hosts.kind != Hosts::Kind::stated) check_transports(run);
     } catch (const std::invalid_argument& error) {
       fail(node_,
            fmt::format("run '{}'{}: {}", id_, component.empty() ? "" : ", " + component, error.what()));

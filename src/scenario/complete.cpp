@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "spelling/spelling.hpp"
 #include "transport/shipped.hpp"
 
 namespace ontime::scenario {
@@ -66,6 +67,18 @@ bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
   return own != nullptr && own->can.*what == has;
 }
 
+void check_payload(const Run& run) {
+  const auto& task = run.task;
+  const auto beside = task.background.topics > 0 ? task.background.payload_bytes : 0;
+  const auto largest = std::max(task.config.max_payload_bytes, beside);
+  for (const auto& name : {task.transport, run.component_transport})
+    if (const auto* const own = transport::shipped(name);
+        own != nullptr && largest > own->can.max_payload_bytes)
+      throw std::invalid_argument(
+          fmt::format("transport {} carries at most {} bytes of payload; {} were requested", name,
+                      own->can.max_payload_bytes, largest));
+}
+
 std::vector<std::string_view> names_with_security() {
   std::vector<std::string_view> names;
   for (const auto& one : transport::all_shipped)
@@ -94,6 +107,18 @@ void check_topics(const transport::Config& config) {
   if (config.ping_topic == config.pong_topic)
     throw std::invalid_argument(
         fmt::format("topics.ping and topics.pong are both {}: use two names", config.ping_topic));
+}
+
+void check_transports(const Run& run) {
+  for (const auto& name : {run.task.transport, run.component_transport}) {
+    if (name.empty() || transport::shipped(name) != nullptr) continue;
+    auto known = transport::available();
+    if (std::ranges::find(known, name) != known.end()) continue;
+    for (const auto& one : transport::all_shipped)
+      if (std::ranges::find(known, one.name) == known.end()) known.emplace_back(one.name);
+    throw std::invalid_argument(fmt::format("unknown transport '{}'{}; known: {}", name,
+                                            spelling::suggestion(name, known), fmt::join(known, ", ")));
+  }
 }
 
 bool is_below_ip(Text transport) { return is_known(transport, &Capabilities::below_ip); }
@@ -172,6 +197,7 @@ void complete(Run& run) {
   complete_network(run);
   complete_background(run);
   complete_isolation(run);
+  check_payload(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("deadline ({}) is longer than timeout ({}): no message could be late",

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Makes checked runs of a scenario file or flags. Starts no process and reads no machine.
+// Makes checked runs of a scenario file or flags. Starts no process, and reads nothing of the machine but
+// which transports it has.
 #pragma once
 
 #include <chrono>
@@ -25,6 +26,9 @@ bool is_option(const std::string& path);
 void set_option(Run&, const std::string& path, const std::string& value);
 // Fills in what follows from other keys, and checks their combination. Throws std::invalid_argument.
 void complete(Run&);
+// Whether each transport comes with ontime or is installed on this machine. For runs of this machine: another
+// may have transports of its own. Throws std::invalid_argument.
+void check_transports(const Run&);
 // ROS_DOMAIN_ID, or 0. Throws std::invalid_argument.
 int domain_of_environment();
 // The run for the component of that name, if there are several: with the conditions for this component, and

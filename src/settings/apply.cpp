@@ -44,7 +44,7 @@ void where_the_interface_is(const Link& link, const std::function<void()>& actio
                     link.interface));
   journal::within_namespace(link.network_namespace, [&] {
     if (if_nametoindex(link.interface.c_str()) == 0)
-      throw journal::Error(fmt::format("no interface {} on this machine (see ip link)", link.interface));
+      throw Unknown(fmt::format("no interface {} on this machine (see ip link)", link.interface));
     action();
   });
 }
@@ -60,6 +60,8 @@ void where_it_is(const Setting& setting, const Link& link, const std::function<v
 void by_name(const Setting& setting, const Link& link, const std::function<void()>& action) {
   try {
     where_it_is(setting, link, action);
+  } catch (const Unknown& error) {
+    throw WrongInput(fmt::format("{}: {}", setting.name, error.what()));
   } catch (const journal::Error& error) {
     throw Error(fmt::format("{}: {}", setting.name, error.what()));
   }
@@ -178,7 +180,11 @@ journal::Value now(const Change& change, const Link& link) {
 }
 
 std::vector<State> show(const Link& link) {
-  if (!link.interface.empty()) where_the_interface_is(link, [] {});
+  try {
+    if (!link.interface.empty()) where_the_interface_is(link, [] {});
+  } catch (const Unknown& error) {
+    throw WrongInput(error.what());
+  }
   std::vector<State> states;
   for (const auto& setting : table()) {
     State state{&setting, {}, geteuid() == 0 ? "" : "needs root"};

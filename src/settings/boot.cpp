@@ -33,10 +33,10 @@ void require_roots(const std::string& program) {
 }
 
 std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
-  for (const auto& word : {link.interface, link.network_namespace, program})
+  for (const auto& word : {link.interface, program})
     if (const auto at = word.find_first_not_of(fmt::format("{}.", plain)); at != word.npos)
-      throw Error(fmt::format("'{}' cannot be in a unit: '{}' is not a letter, digit or one of _-/@:.", word,
-                              word[at]));
+      throw WrongInput(fmt::format("'{}' cannot be in a unit: '{}' is not a letter, digit or one of _-/@:.",
+                                   word, word[at]));
   require_roots(program);
   return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
 [Unit]
@@ -56,7 +56,7 @@ WantedBy=multi-user.target
 }
 
 [[noreturn]] void not_in(const char* form, const Change& change, const std::string& why) {
-  throw Error(fmt::format("{}: {} {}. Fix: --print systemd", change.setting->name, form, why));
+  throw WrongInput(fmt::format("{}: {} {}. Fix: --print systemd", change.setting->name, form, why));
 }
 
 std::string tmpfiles(const std::vector<Change>& changes) {
@@ -146,9 +146,12 @@ std::string command_to_apply(const std::string& program, const Wishes& wishes, c
 
 std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Change>& changes,
                           const Link& link, const std::string& program) {
-  if (form == Form::systemd) return systemd(wishes, link, program);
   if (!link.network_namespace.empty())
-    throw Error(fmt::format("{} is in a network namespace, which does not exist at boot", link.interface));
+    throw WrongInput(
+        fmt::format("the network namespace {} does not exist at boot. Fix: create it first, then "
+                    "run ontime tune apply",
+                    link.network_namespace));
+  if (form == Form::systemd) return systemd(wishes, link, program);
   return form == Form::tmpfiles ? tmpfiles(changes) : shell(changes);
 }
 

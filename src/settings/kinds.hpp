@@ -32,6 +32,11 @@ extern const journal::Kind steering;  // "3:eth0/rx-0": to which CPUs its packet
 extern const journal::Kind coalescing;
 extern const journal::Kind gro;  // an interface; "on" or "off"
 
+// Of a CPU or an interface that is not here: wrong input.
+struct Unknown : journal::Error {
+  using journal::Error::Error;
+};
+
 // An interface is "3:eth0", its index and the name that it had: another one of that name has another index,
 // and one that is renamed keeps it.
 std::string interface_here(const std::string& name);
@@ -80,8 +85,6 @@ std::vector<int> interrupts_of(const std::string& interface);
 // be in another network namespace.
 bool hides_interrupts(const std::string& interface);
 std::string interrupt_here(int number);
-// An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
-std::vector<int> online_cpus();
 std::vector<Thing> cpus_with_governor();  // of those that are online
 std::vector<Thing> receive_queues_of(const std::string& interface);
 std::string with_coalescing(const std::string& value, const std::string& asked);

@@ -20,6 +20,12 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+// It names a CPU or an interface that is not here, or asks a form at_every_boot() for what it cannot express
+// (exit code 2; Error is 3).
+struct WrongInput : Error {
+  using Error::Error;
+};
+
 // The interface of the traffic, and its network namespace by its `ip netns` name; "": this process's own.
 struct Link {
   std::string interface, network_namespace;
@@ -93,16 +99,21 @@ struct State {
   std::vector<std::pair<Thing, std::string>> things;
   std::string cannot;
 };
-// Throws journal::Error if the named interface does not exist.
+// Throws WrongInput if the named interface does not exist, and journal::Error if it cannot be looked at.
 std::vector<State> show(const Link&);
 // The value for --set that would keep a thing's value `now`: "on", "60"; `now` itself if there is no such
 // word.
 std::string value_that_keeps(const Setting&, const Thing&, const std::string& now);
+// Of all its things: one value if they are alike, "0=60,1=other", or each with its name. "": it has none.
+std::string values_that_keep(const State&);
+
+// An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
+std::vector<int> online_cpus();
 
 // "ontime tune apply --set gro=off --interface eth0"
 std::string command_to_apply(const std::string& program, const Wishes&, const Link&);
 // Text that sets them at every boot: a systemd unit that runs `program`, lines of tmpfiles.d, or a script.
-// Throws Error for what this form cannot express.
+// Throws WrongInput for what this form cannot express, and Error if users could change `program`.
 enum class Form { systemd, tmpfiles, shell };
 std::optional<Form> form_of(const std::string& word);
 std::string at_every_boot(Form, const Wishes&, const std::vector<Change>&, const Link&,

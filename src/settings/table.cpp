@@ -16,11 +16,14 @@ namespace {
 using Text = const std::string&;
 using Things = std::vector<Thing>;
 
-void check_number(Text text, std::int64_t least, std::int64_t most) {
+bool is_number(Text text, std::int64_t least, std::int64_t most) {
   std::int64_t number = 0;
   const auto* const end = text.data() + text.size();
   const auto [last, error] = std::from_chars(text.data(), end, number);
-  if (error != std::errc{} || last != end || number < least || number > most)
+  return error == std::errc{} && last == end && number >= least && number <= most;
+}
+void check_number(Text text, std::int64_t least, std::int64_t most) {
+  if (!is_number(text, least, most))
     throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
 }
 
@@ -28,8 +31,10 @@ void check_switch(Text asked) {
   if (asked != "on" && asked != "off")
     throw std::invalid_argument(fmt::format("'{}' is not on or off", asked));
 }
+bool is_priority(Text asked) { return asked == "other" || is_number(asked, 1, 99); }
 void check_priority(Text asked) {
-  if (asked != "other") check_number(asked, 1, 99);
+  if (!is_priority(asked))
+    throw std::invalid_argument(fmt::format("'{}' is neither a priority from 1 to 99 nor other", asked));
 }
 void check_cpus(Text asked) {
   if (!realtime::cpus_of(asked))
@@ -59,7 +64,10 @@ std::string priority_of_cpu(Text asked, int cpu) {
   return "";
 }
 void check_priorities(Text asked) {
-  if (asked.find('=') == asked.npos) return check_priority(asked);
+  if (is_priority(asked)) return;
+  if (asked.find('=') == asked.npos)
+    throw std::invalid_argument(fmt::format(
+        "'{}' is not a priority from 1 to 99, other, or a list for each CPU, such as 0=60,1=other", asked));
   std::istringstream parts(asked);
   std::set<int> cpus;
   for (std::string part; std::getline(parts, part, ',');) {
@@ -75,8 +83,7 @@ void check_online(Text cpus) {
   const auto there = online_cpus();
   for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
     if (std::ranges::find(there, cpu) == there.end())
-      throw journal::Error(
-          fmt::format("no CPU {} on this machine; online: {}", cpu, realtime::list_of(there)));
+      throw Unknown(fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there)));
 }
 
 // ── The new value of a thing
@@ -295,6 +302,21 @@ std::string value_that_keeps(const Setting& setting, const Thing& thing, const s
     } catch (const std::exception&) {  // no value of this setting, or none that can be had here
     }
   return now;
+}
+
+std::string values_that_keep(const State& state) {
+  const bool is_of_cpus = state.setting->wanted == with_priority_of_its_cpu;
+  std::string each, one;
+  bool are_alike = true;
+  for (const auto& [thing, now] : state.things) {
+    const auto value = value_that_keeps(*state.setting, thing, now), title = thing.title();
+    are_alike = are_alike && (each.empty() || value == one);
+    one = value;
+    each += is_of_cpus
+                ? fmt::format("{}{}={}", each.empty() ? "" : ",", title.substr(title.find('/') + 1), value)
+                : fmt::format("{}{} {}", each.empty() ? "" : ", ", title, value);
+  }
+  return are_alike ? one : each;
 }
 
 const Wishes& paper() {

@@ -12,6 +12,7 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
 
 namespace ontime::transport::dds {
@@ -146,9 +147,9 @@ void check(const Config& config, const std::string& transport, std::span<const O
   if (config.domain < 0 || config.domain > max_domain)
     throw WrongInput(transport + ": domain " + std::to_string(config.domain) +
                      " does not exist; DDS has 0 to " + std::to_string(max_domain));
-  if (config.max_payload_bytes > max_payload_bytes)
+  if (config.max_payload_bytes > max_dds_payload_bytes)
     throw WrongInput(transport + ": a payload of " + std::to_string(config.max_payload_bytes) +
-                     " bytes is too large; the maximum is " + std::to_string(max_payload_bytes));
+                     " bytes is too large; the maximum is " + std::to_string(max_dds_payload_bytes));
   if (config.qos.history == History::keep_last && config.qos.depth < 1)
     throw WrongInput(transport + ": a history depth of " + std::to_string(config.qos.depth) +
                      " keeps no message; the minimum is 1");

@@ -18,10 +18,8 @@
 
 namespace ontime::transport::dds {
 
-inline constexpr int max_domain = 232;  // the last domain with valid ports
-inline constexpr std::size_t max_payload_bytes = std::size_t{16}
-                                                 << 20;  // tested; DDS itself would go to 2 GiB
-inline constexpr int participants_per_host = 32;         // number of a peer's ports to try
+inline constexpr int max_domain = 232;            // the last domain with valid ports
+inline constexpr int participants_per_host = 32;  // number of a peer's ports to try
 
 // Ports of domain d, participant p, as RTPS has them: 7400 + 250 d + offset, and + 2 p where not multicast.
 inline constexpr int base_port = 7400;

@@ -45,8 +45,6 @@ struct [[gnu::packed]] Header {
 static_assert(sizeof(Header) == 30);
 inline constexpr std::size_t ethernet_bytes = 14;  // which the MTU does not count
 inline constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
-// Of the largest MTU that there is; the link's own decides.
-inline constexpr std::size_t max_payload_bytes = 65'535 + ethernet_bytes - overhead;
 
 struct Link {
   std::string name;

@@ -11,33 +11,35 @@ namespace ontime::transport {
 
 struct Shipped {
   std::string_view name;
-  Capabilities can;     // but for the size of a payload, which the plug-in tells
+  Capabilities can;
   const char* install;  // "": it comes with the program
-
-  constexpr Capabilities carrying(std::size_t max_payload_bytes) const {
-    auto all = can;
-    all.max_payload_bytes = max_payload_bytes;
-    return all;
-  }
 };
 
+inline constexpr std::size_t mebibyte = std::size_t{1} << 20U;
+// Tested; DDS itself would carry 2 GiB.
+inline constexpr std::size_t max_dds_payload_bytes = 16 * mebibyte;
+
 inline constexpr Shipped all_shipped[] = {
-    {"udp", {.launch_time = true, .topics = false}, ""},
-    {"ethernet", {.launch_time = true, .below_ip = true}, ""},
+    // The plug-ins check these sizes against their headers.
+    {"udp", {.max_payload_bytes = 65'475, .launch_time = true, .topics = false}, ""},
+    {"ethernet", {.max_payload_bytes = 65'503, .launch_time = true, .below_ip = true}, ""},
     {"xdp",
-     {.below_ip = true, .past_the_kernel = true},
+     {.max_payload_bytes = 3'794, .below_ip = true, .past_the_kernel = true},
      ". Fix: install the package ontime-transport-xdp, or build ontime with libxdp-dev and libbpf-dev"},
     {"cyclonedds",
-     {.security = true, .background = true, .shares_threads = true},
+     {.max_payload_bytes = max_dds_payload_bytes,
+      .security = true,
+      .background = true,
+      .shares_threads = true},
      ". Fix: install the package ontime-transport-cyclonedds, or build ontime with cyclonedds-dev"},
     {"fastdds",
-     {.security = true, .background = true, .hears = true},
+     {.max_payload_bytes = max_dds_payload_bytes, .security = true, .background = true, .hears = true},
      ". Fix: install the package ontime-transport-fastdds, or build ontime with libfastrtps-dev"},
     {"opendds",
-     {.background = true},
+     {.max_payload_bytes = max_dds_payload_bytes, .background = true},
      ". Fix: build ontime with OpenDDS (no Debian package; see docs/how-to/opendds.md)"},
     {"ros2",
-     {.background = true, .nodes = true},
+     {.max_payload_bytes = mebibyte, .background = true, .nodes = true},  // tested, with its allocators
      ". Fix: build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)"}};
 
 // nullptr: it is not one of ontime's own.

@@ -40,6 +40,7 @@ class Endings(Program):
             time.sleep(0.05)
         out, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
+        self.assertEqual(error.count("interrupted: restoring settings"), 1, error)
         return out
 
     def test_interrupted_once_it_stops_and_reports(self):

@@ -49,12 +49,27 @@ class Newcomer(unittest.TestCase):
                                        (["run", "x.yaml", "--onyl", "a"], 2, "'--only'"),
                                        (["ping", "--transprot", "udp"], 2, "'--transport'"),
                                        (["run", "dmeo"], 2, "'demo'"),
-                                       (["run", "own.yaml", "--transports", "upd"], 3, "'udp'"),
-                                       (["ping", "--transport", "upd", "--loopback"], 3, "'udp'"),
+                                       (["run", "own.yaml", "--transports", "upd"], 2, "'udp'"),
+                                       (["ping", "--transport", "upd", "--loopback"], 2, "'udp'"),
                                        (["export", "r.ontime", "--only", "idel"], 2, "'idle'"),
                                        (["run", "own.yaml", "--duration", "5"], 2, "'5 s'")):
             with self.subTest(arguments):
                 self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
+
+    def test_a_cpu_that_is_not_there_is_wrong_usage(self):
+        said = self.ontime("ping", "--transport", "udp", "--loopback", "--cpus", "1000", code=2).stderr
+        self.assertIn("--cpus", said)
+        self.assertIn("1000", said)
+
+    def test_an_option_that_is_given_twice_is_refused_by_name(self):
+        said = self.ontime("ping", "--transport", "udp", "--duration", "1 s", "--duration", "2 s", code=2).stderr
+        self.assertIn("--duration is given twice", said)
+
+    def test_scenarios_of_the_lab_last_simulated_time(self):
+        lines = self.ontime("scenarios").stdout.splitlines()
+        self.assertTrue(any(line.startswith("lab/") for line in lines))
+        for line in lines:
+            self.assertEqual("simulated time" in line.rpartition(":")[2], line.startswith("lab/"), line)
 
     def test_transports_are_listed_where_one_is_needed(self):
         for command in ("ping", "pong"):
@@ -125,6 +140,18 @@ class Newcomer(unittest.TestCase):
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
 
+    def test_check_begins_with_its_errors_and_ends_with_their_names(self):
+        done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)
+        marks = re.findall(r"^(error  |warning|       ) ([a-z-]+): ", done.stdout, re.MULTILINE)
+        self.assertGreater(len(marks), 6)
+        order = ["error  ", "warning", "       "]
+        self.assertEqual(marks, sorted(marks, key=lambda mark: order.index(mark[0])))
+        errors = list(dict.fromkeys(check for level, check in marks if level == order[0]))
+        last = done.stdout[done.stdout.rindex("OK: "):]
+        self.assertEqual(done.returncode, 1 if errors else 0)
+        for check in errors:
+            self.assertIn(check, last)
+
     def test_help_and_check_break_lines_between_words(self):
         for columns in 40, 80:
             for arguments in [], ["--help"], ["run", "--help"], ["ping", "--help"], ["check"]:
@@ -136,6 +163,8 @@ class Newcomer(unittest.TestCase):
                     long = [line for line in lines if len(line) > columns
                             and "fix: " not in line and " " in line.strip()]
                     self.assertEqual(long, [])
+        piped = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60).stdout.splitlines()
+        self.assertEqual([line for line in piped if len(line) > 80 and "fix: " not in line], [])
         wide = self.ontime("ping", "--help").stdout
         self.assertGreater(max(map(len, wide.splitlines())), 80)  # man pages are made of it
 

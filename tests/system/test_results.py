@@ -159,7 +159,7 @@ class Results(unittest.TestCase):
 
     def test_a_list_does_not_take_the_name_that_follows(self):
         scenario = self.folder / "two.yaml"
-        scenario.write_text("hosts: loopback\ndefaults: {transport: [udp, nosuch], period: 5 ms, duration: 100 ms}\n"
+        scenario.write_text("hosts: loopback\ndefaults: {transport: [udp, opendds], period: 5 ms, duration: 100 ms}\n"
                             "runs: [{id: one}, {id: two}, {id: three}]\n")
         self.ontime("run", "--only", "one", scenario, "--transports", "udp", "--results", self.results)
         self.ontime("run", "--transports", "udp", scenario, "--only", "one,two", "--results", self.results)

@@ -254,13 +254,14 @@ class Tune(unittest.TestCase):
                 (["apply", "--set", "ksoftirqd=100"], 2, "100"),
                 (["apply", "--set", "speed=1"], 2, "speed"),
                 (["apply", "--set", "rps=0"], 2, "--interface"),
-                (["apply", "--set", "rps=0", "--interface", "nonet0"], 3, "nonet0"),
+                (["apply", "--set", "rps=0", "--interface", "nonet0"], 2, "nonet0"),
                 (["apply", "--set", "busy-poll=9", "--set", "rps=0", "--interface", "lo", "--namespace", "no-such"], 3, "no-such"),
                 (["apply", "--scenario", self.scenario("1 s"), "--run", "kept"], 2, "isolation.*"),
                 (["apply", "--set", "busy-poll=9", "--print", "runes"], 2, "runes"),
-                (["apply", "--set", "ksoftirqd=60", "--print", "tmpfiles"], 3, "ksoftirqd"),
+                (["apply", "--set", "ksoftirqd=60", "--print", "tmpfiles"], 2, "ksoftirqd"),
+                (["apply", "--set", "ksoftirqd=60", "--set", "ksoftirqd=50", "--dry-run"], 2, "twice"),
                 (["show", "--format", "xml"], 2, "xml"),
-                (["show", "--interface", "nonet0"], 3, "nonet0"),
+                (["show", "--interface", "nonet0"], 2, "nonet0"),
                 ([], 2, "")):
             with self.subTest(arguments=arguments):
                 answer = self.ontime("tune", *arguments)

@@ -381,7 +381,6 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .abi = ontime::transport::abi,
     .name = "cyclonedds",
     .version = ontime::transport::cyclonedds::version,
-    .capabilities =
-        ontime::transport::shipped("cyclonedds")->carrying(ontime::transport::dds::max_payload_bytes),
+    .capabilities = ontime::transport::shipped("cyclonedds")->can,
     .options = ontime::transport::cyclonedds::options,
     .open = ontime::transport::cyclonedds::open};

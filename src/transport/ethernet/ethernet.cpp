@@ -166,13 +166,17 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   return std::make_unique<frames::End<Packets>>(config, sink, frames::link_of(config, who, any_frame), who);
 }
 
+// The largest MTU that there is; the link's own decides.
+static_assert(shipped("ethernet")->can.max_payload_bytes + frames::overhead ==
+              65'535 + frames::ethernet_bytes);
+
 }  // namespace
 }  // namespace ontime::transport
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    ontime::transport::abi,
-    "ethernet",
-    ontime::transport::kernel_version,
-    ontime::transport::shipped("ethernet")->carrying(ontime::transport::frames::max_payload_bytes),
-    ontime::transport::options,
-    ontime::transport::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
+                                                 "ethernet",
+                                                 ontime::transport::kernel_version,
+                                                 ontime::transport::shipped("ethernet")->can,
+                                                 ontime::transport::options,
+                                                 ontime::transport::open};

@@ -427,7 +427,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 }
 
 constexpr Capabilities capabilities() {
-  auto can = shipped("fastdds")->carrying(dds::max_payload_bytes);
+  auto can = shipped("fastdds")->can;
   can.security = HAVE_SECURITY;  // how this Fast DDS was built
   return can;
 }

@@ -588,11 +588,10 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 }  // namespace
 }  // namespace ontime::transport::opendds
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    .abi = ontime::transport::abi,
-    .name = "opendds",
-    .version = ontime::transport::opendds::version,
-    .capabilities =
-        ontime::transport::shipped("opendds")->carrying(ontime::transport::dds::max_payload_bytes),
-    .options = {},
-    .open = ontime::transport::opendds::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
+                                                 .name = "opendds",
+                                                 .version = ontime::transport::opendds::version,
+                                                 .capabilities = ontime::transport::shipped("opendds")->can,
+                                                 .options = {},
+                                                 .open = ontime::transport::opendds::open};

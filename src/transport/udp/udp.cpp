@@ -41,7 +41,8 @@ struct Header {
 static_assert(sizeof(Header) == 16);
 
 constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
-constexpr std::size_t max_payload = 65507 - overhead;  // 65535 less the headers of IPv4 and UDP
+constexpr std::size_t max_payload = shipped("udp")->can.max_payload_bytes;
+static_assert(max_payload + overhead == 65507);  // 65535 less the headers of IPv4 and UDP
 
 sockaddr_in ipv4(const std::string& host, int port) {
   sockaddr_in address{};
@@ -313,10 +314,10 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 }  // namespace
 }  // namespace ontime::transport
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    .abi = ontime::transport::abi,
-    .name = "udp",
-    .version = ontime::transport::kernel_version,
-    .capabilities = ontime::transport::shipped("udp")->carrying(ontime::transport::max_payload),
-    .options = ontime::transport::options,
-    .open = ontime::transport::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
+                                                 .name = "udp",
+                                                 .version = ontime::transport::kernel_version,
+                                                 .capabilities = ontime::transport::shipped("udp")->can,
+                                                 .options = ontime::transport::options,
+                                                 .open = ontime::transport::open};

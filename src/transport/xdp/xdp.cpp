@@ -26,7 +26,8 @@ namespace {
 constexpr const char* who = "xdp";
 constexpr std::uint32_t chunk_bytes = 4096;
 constexpr std::size_t largest_frame = chunk_bytes - 256;  // XDP_PACKET_HEADROOM is the kernel's
-constexpr std::uint32_t to_receive = 256, to_send = 64;   // chunks, and the slots of the rings
+static_assert(shipped(who)->can.max_payload_bytes + frames::overhead == largest_frame);
+constexpr std::uint32_t to_receive = 256, to_send = 64;  // chunks, and the slots of the rings
 
 class Memory {
  public:
@@ -251,11 +252,10 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 }  // namespace
 }  // namespace ontime::transport::xdp
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    ontime::transport::abi,
-    "xdp",
-    ontime::transport::kernel_version,
-    ontime::transport::shipped("xdp")->carrying(ontime::transport::xdp::largest_frame -
-                                                ontime::transport::frames::overhead),
-    ontime::transport::xdp::options,
-    ontime::transport::xdp::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
+                                                 "xdp",
+                                                 ontime::transport::kernel_version,
+                                                 ontime::transport::shipped("xdp")->can,
+                                                 ontime::transport::xdp::options,
+                                                 ontime::transport::xdp::open};

@@ -83,11 +83,10 @@ std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
 }  // namespace
 }  // namespace ontime::transport::ros2
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    .abi = ontime::transport::abi,
-    .name = "ros2",
-    .version = ontime::transport::ros2::version,
-    .capabilities =
-        ontime::transport::shipped("ros2")->carrying(std::size_t{1} << 20),  // tested, with its allocators
-    .options = ontime::transport::ros2::known_options,
-    .open = ontime::transport::ros2::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
+                                                 .name = "ros2",
+                                                 .version = ontime::transport::ros2::version,
+                                                 .capabilities = ontime::transport::shipped("ros2")->can,
+                                                 .options = ontime::transport::ros2::known_options,
+                                                 .open = ontime::transport::ros2::open};
