@@ -20,6 +20,7 @@
 #include "report/explained.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
+#include "transport/shipped.hpp"
 
 namespace ontime::app {
 namespace {
