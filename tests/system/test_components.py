@@ -83,7 +83,7 @@ class Components(Program):
             wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.2}", "address: '198.18.1.2:7900'}"), transports=["udp"])
             answer = self.run_ontime("run", wrong, "--results", self.results)
             self.assertEqual(answer.returncode, 3, answer.stderr)
-            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages, and \d+ were answered: another program")
+            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages.*another program")
             self.assertIn("another program", self.report()[2]["error"])
         finally:
             for name in names:

@@ -206,7 +206,7 @@ class Ssh(unittest.TestCase):
         self.configure(HostName="198.18.1.2")
         answer = self.run_ontime(self.scenario(), "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("ssh to the component goes over test-far", " ".join(answer.stdout.split()))
+        self.assertIn("ssh to the component uses test-far", " ".join(answer.stdout.split()))
         self.assertNotIn("waited", answer.stdout)  # the samples are on this side
         self.assertEqual(self.report()[0]["hosts"]["component"]["ssh_link"], {"interface": "test-far", "shared": True})
 
