@@ -146,7 +146,7 @@ runs:
                 self.assertIsNone(run["link_unproved"])
                 for host in run["hosts"].values():
                     self.assertLess(host["link"]["beside_traffic"]["received_bytes"], host["link"]["received_bytes"])
-            self.assertIn("could not be counted beside the traffic", beside_ethernet["link_unproved"] or "")
+            self.assertIn("cannot count them apart from the traffic", beside_ethernet["link_unproved"] or "")
             self.assertEqual(arm["conditions"]["others"]["base"]["traffic"]["bit_s"], 4000000)
         finally:
             for name in names:
