@@ -40,7 +40,7 @@ std::string set(campaign::Run& run, const std::string& said) {
   const auto equals = said.find('=');
   if (equals == said.npos || equals == 0)
     throw Error(2, fmt::format("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said));
-  const auto name = said.substr(0, equals);
+  auto name = said.substr(0, equals);  // not const: it is returned by a move
   std::vector<std::string> names;
   for (const auto& key : campaign::keys()) {
     if (!key.path.starts_with("kernel.")) continue;
