@@ -126,6 +126,27 @@ TEST(Fields, HaveOneNameEach) {
   for (const auto& key : keys()) EXPECT_NE(key.values, "") << key.path;
 }
 
+TEST(Fields, StatedDefaultIsWhatARunHas) {
+  // Words for a value that is not there; load's sizes are stress-ng's own.
+  const std::set<std::string> no_values{"none",           "no limit",     "unchanged",
+                                        "kernel default", "as transport", "$ROS_DOMAIN_ID, or 0"};
+  int checked = 0;
+  for (const auto& key : keys()) {
+    const auto at = key.help.rfind(": ");
+    if (at == key.help.npos || key.path == "kernel.coalescing" || key.path.ends_with("-bytes")) continue;
+    const auto value = key.help.substr(at + 2);
+    if (no_values.contains(value)) continue;
+    Run stated;
+    ASSERT_NO_THROW(key.set(stated, value)) << key.path << ": " << value;
+    if (key.to_json)
+      EXPECT_EQ(key.to_json(stated), key.to_json(Run())) << key.path << ": " << value;
+    else
+      EXPECT_EQ(to_json(stated), to_json(Run())) << key.path << ": " << value;
+    ++checked;
+  }
+  EXPECT_GT(checked, 30);
+}
+
 std::string text_of_file(const std::string& name) {
   std::ifstream file(ONTIME_TEST_SOURCE "/" + name);
   return {std::istreambuf_iterator<char>(file), {}};

@@ -32,17 +32,23 @@ void check_cpus(const std::string& flag, const std::string& list) {
                   fmt::format("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there)));
 }
 
+// "time from one cycle to the next (default: 10 ms)": a field's help ends with its default.
+std::string help_of(const Key& key) {
+  const auto end = key.help.rfind(": ");
+  auto help = key.help.substr(0, end);
+  if (key.path == "transport") help += "; " + transports_here();
+  return end == key.help.npos ? help : fmt::format("{} (default: {})", help, key.help.substr(end + 2));
+}
+
 }  // namespace
 
 RunFlags::RunFlags(Command& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
     auto& flag = flags_[key.path];
-    const bool is_transport = key.path == "transport";
-    auto* option = flag.option =
-        app.add_option(key.flag, flag.value, is_transport ? key.help + "; " + transports_here() : key.help);
+    auto* option = flag.option = app.add_option(key.flag, flag.value, help_of(key));
     if (key.values == "on|off") option->expected(0, 1);  // without a value: on
-    option->type_name(is_transport ? "TRANSPORT" : key.values);
+    option->type_name(key.path == "transport" ? "TRANSPORT" : key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each implies --realtime on)");
   }
   add_value(app, "--interface", interface_, "NAME", "the link under test; messages use no other");

@@ -143,8 +143,9 @@ Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
       said(field({"payload", "--payload", "",
-                  "payload, without the 8-byte sequence number: 500 B; for pong the largest: 60 kB", both,
-                  "{}"},
+                  "payload, without the 8-byte sequence number; for pong the largest, 60 kB if not stated: "
+                  "500 B",
+                  both, "{}"},
                  "payload_bytes", size(), in_client(&ClientOptions::payload_bytes)),
            [](Run& run, Text text) {
              run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
