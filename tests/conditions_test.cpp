@@ -136,12 +136,12 @@ TEST(Fields, StatedDefaultIsWhatARunHas) {
     if (at == key.help.npos || key.path == "kernel.coalescing" || key.path.ends_with("-bytes")) continue;
     const auto value = key.help.substr(at + 2);
     if (no_values.contains(value)) continue;
-    Run stated;
+    conditions::Run stated;
     ASSERT_NO_THROW(key.set(stated, value)) << key.path << ": " << value;
     if (key.to_json)
-      EXPECT_EQ(key.to_json(stated), key.to_json(Run())) << key.path << ": " << value;
+      EXPECT_EQ(key.to_json(stated), key.to_json(conditions::Run())) << key.path << ": " << value;
     else
-      EXPECT_EQ(to_json(stated), to_json(Run())) << key.path << ": " << value;
+      EXPECT_EQ(to_json(stated), to_json(conditions::Run())) << key.path << ": " << value;
     ++checked;
   }
   EXPECT_GT(checked, 30);
