@@ -163,7 +163,7 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   const auto is_of_requirement = [](const auto* note) {
     return note->kind == gate::missed_note || note->kind == gate::open_note;
   };
-  std::ranges::stable_partition(notes, is_of_requirement);
+  std::stable_partition(notes.begin(), notes.end(), is_of_requirement);
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
     remarks.back().is_of_requirement = is_of_requirement(notes[i]);
