@@ -45,7 +45,8 @@ struct Found {
   double median_ms;
   std::optional<Bar> bar;
 };
-// Only runs with enough answers for this metric, as in the tables.
+// Of all repetitions, or of none, as in the tables: those with too few answers for a percentile are the
+// worst.
 std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Range& range) {
   std::vector<double> values_ms;
   const Summary* last = nullptr;
@@ -54,6 +55,8 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Rang
     if (run->round_trip.count >= fewest) {
       values_ms.push_back(range.at(run->round_trip[metric.figure]));
       last = run;
+    } else if (statistics::is_complete(run->run)) {
+      return {};
     }
   if (values_ms.empty()) return {};
   return Found{statistics::estimate(values_ms)->median, bar_of(values_ms, *last, metric, range)};
