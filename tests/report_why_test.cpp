@@ -450,6 +450,9 @@ TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   EXPECT_GE(more, 2U);
   const auto markdown = render_explained({one}, Format::markdown);
   EXPECT_THAT(markdown, HasSubstr("or a hypervisor paused it"));
+
+  one.account.limits = {"x: " + std::string(100, ' ')};
+  EXPECT_NO_THROW(render_explained({one}, Format::table)) << "blanks alone are left";
 }
 
 TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {

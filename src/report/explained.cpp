@@ -139,6 +139,10 @@ std::string fitted(std::string text, Format format, std::size_t columns) {
     auto at = line.find_first_not_of(' ');
     if (const auto gap = line.rfind("  ", items_end); gap != line.npos && gap >= at)
       at = line.find_first_not_of(' ', gap);
+    if (at == line.npos) {  // blanks alone
+      lines += line + "\n";
+      continue;
+    }
     if (line.compare(at, arrow.size(), arrow) == 0) at += arrow.size();
     const auto head = line.substr(0, at);
     lines +=
