@@ -15,6 +15,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <poll.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -157,7 +158,10 @@ campaign::Interrupts& catch_interrupts(const std::string& text) {
     last_signal = signal;
     orders::count_termination(interrupts, signal);
     const int error = errno;
-    if (const char* const first = first_notice.exchange(nullptr); first != nullptr) {
+    // Output that stands still must not hold up the thread that the signal found.
+    pollfd out{STDERR_FILENO, POLLOUT, 0};
+    if (const char* const first = first_notice.exchange(nullptr);
+        first != nullptr && poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
       [[maybe_unused]] const auto written = write(STDERR_FILENO, first, std::strlen(first));
     }
     errno = error;
