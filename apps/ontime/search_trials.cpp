@@ -55,7 +55,7 @@ std::string without(const std::string& list, const std::string& other) {
                              results, what));
 }
 
-std::string machine_of(const record::Run& run) {
+std::string kind_of_machine(const record::Run& run) {
   return record::find(run.outcome.hosts, record::both_hosts[0]).machine.simulated.value_or("");
 }
 
@@ -75,7 +75,7 @@ void compare(const std::vector<record::Note>& notes, const record::Run& first, c
     if (const auto theirs = noted(kind); theirs != *mine)
       refuse(results,
              fmt::format("holds a search with another {}: '{}'; this one has '{}'", word, theirs, *mine));
-  if (const auto theirs = machine_of(first); theirs != subject.machine)
+  if (const auto theirs = kind_of_machine(first); theirs != subject.machine)
     refuse(results, fmt::format("holds a search on another machine: {}; this one is {}", name_of(theirs),
                                 name_of(subject.machine)));
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
@@ -126,7 +126,7 @@ bool is_among(const std::string& settings, const search::Setting& setting) {
 
 std::string machine_of(const record::Reader& reader) {
   const auto runs = reader.runs();
-  return runs.empty() ? "" : machine_of(runs.front());
+  return runs.empty() ? "" : kind_of_machine(runs.front());
 }
 
 Trials::Trials(Subject subject, ScenarioWith scenario_with, const std::vector<search::Part>& goal,

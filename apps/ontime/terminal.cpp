@@ -162,7 +162,7 @@ campaign::Interrupts& catch_interrupts(const std::string& text) {
     pollfd out{STDERR_FILENO, POLLOUT, 0};
     if (const char* const first = first_notice.exchange(nullptr);
         first != nullptr && poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
-      [[maybe_unused]] const auto written = write(STDERR_FILENO, first, std::strlen(first));
+      [[maybe_unused]] const auto written = ::write(STDERR_FILENO, first, std::strlen(first));
     }
     errno = error;
   });
