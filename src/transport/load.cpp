@@ -149,6 +149,15 @@ std::string find(const std::string& name) {
                           fmt::join(looked, ", "), not_followed()));
 }
 
+std::optional<Capabilities> declared(const std::string& name) {
+  if (const auto* const own = shipped(name)) return own->can;
+  try {
+    return load(name).capabilities;
+  } catch (const Error&) {  // the agent that opens it says why
+    return {};
+  }
+}
+
 std::vector<std::string> available() {
   std::set<std::string> names;
   for (const auto& folder : search_path()) {
