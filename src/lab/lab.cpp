@@ -23,6 +23,7 @@
 #include "lab/guest.hpp"
 #include "lab/qemu.hpp"
 #include "lab/results.hpp"
+#include "process/process.hpp"
 
 namespace ontime::lab {
 namespace {
@@ -148,7 +149,7 @@ class Running {
   Console console_, words_;
   Arrivals arrivals_;
   const fs::path arrived_;
-  background::Output output_;
+  process::Memory output_;
   background::Child qemu_;
   bool up_ = false, ended_ = false;
   std::optional<Outcome> outcome_;

@@ -69,9 +69,9 @@ bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);
 
 // By which another thread ends a wait.
-class Alarm {
+class Bell {
  public:
-  Alarm();  // throws Error
+  Bell();  // throws Error
 
   int fd() const noexcept { return fd_; }
   bool rung() const noexcept { return rung_.load(std::memory_order_relaxed); }
@@ -89,7 +89,7 @@ class Alarm {
 //   std::span<std::byte> room() noexcept                   for the next frame; empty: no frame is free now
 //   int send(std::size_t bytes, at_ns) noexcept            the bytes of room(), with Config::launch_ns to
 //                                                          leave then; 0, or why not
-//   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) with
+//   int receive(const Bell&, take) noexcept                 waits, and calls take(std::span<std::byte>) with
 //                                                          each frame; 0, or what is wrong with the link
 //   int fd() · Losses losses() · std::map facts() · const char* thread_name
 // All but the constructor and the last two are real-time safe; room() and send() have one caller at a time.
@@ -105,10 +105,10 @@ class End final : public Endpoint {
     if (config_.receive == Receive::waitset) return;
     listener_ = std::thread([this] {
       pthread_setname_np(pthread_self(), Wire::thread_name);
-      const int wire = wire_.fd(), alarm = alarm_.fd();
-      const bool own_table = keep_alone(wire, alarm);
+      const int wire = wire_.fd(), bell = bell_.fd();
+      const bool own_table = keep_alone(wire, bell);
       listener_tid_ = gettid();
-      while (!alarm_.rung()) receive();
+      while (!bell_.rung()) receive();
       if (!own_table) return;  // else the link stays taken until the thread is quite gone
       close_range(0, ~0U, 0);
     });
@@ -159,7 +159,7 @@ class End final : public Endpoint {
   }
 
   void receive() noexcept override {
-    const int error = wire_.receive(alarm_, [this](std::span<std::byte> frame) {
+    const int error = wire_.receive(bell_, [this](std::span<std::byte> frame) {
       const std::int64_t arrival_ns = now_ns();
       if (frame.size() < sizeof(Header)) return;
       Header header;
@@ -171,7 +171,7 @@ class End final : public Endpoint {
     if (error != 0) last_error_ = error;
   }
 
-  void interrupt() noexcept override { alarm_.ring(); }
+  void interrupt() noexcept override { bell_.ring(); }
 
   std::vector<Thread> threads() override {
     if (listener_tid_ == 0) return {};
@@ -238,7 +238,7 @@ class End final : public Endpoint {
   const Link link_;
   const in_addr_t wanted_;
   const std::uint64_t topic_written_ = frames::topic_written(config_);
-  Alarm alarm_;
+  Bell bell_;
   Wire wire_;
   std::int64_t next_call_ns_ = 0;
   std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its peer; server: has served a client

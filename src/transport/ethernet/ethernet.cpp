@@ -130,13 +130,13 @@ class Packets {
   }
 
   template <typename Take>
-  int receive(const frames::Alarm& alarm, const Take& take) noexcept {
+  int receive(const frames::Bell& bell, const Take& take) noexcept {
     while (!ring_.has_frame()) {
-      if (alarm.rung()) return 0;
+      if (bell.rung()) return 0;
       if (busy_) continue;
-      if (const int error = alarm.wait(socket_); error != 0) return error;
+      if (const int error = bell.wait(socket_); error != 0) return error;
     }
-    while (ring_.has_frame() && !alarm.rung()) ring_.hand_over(take);
+    while (ring_.has_frame() && !bell.rung()) ring_.hand_over(take);
     return 0;
   }
 
