@@ -17,7 +17,7 @@
 namespace ontime::transport::frames {
 namespace {
 
-// What the kernel says of an interface, by a socket of any kind.
+// What the kernel reports about an interface, through any socket.
 std::optional<ifreq> asked(const std::string& name, unsigned long what) {
   const Descriptor any(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   ifreq request{};

@@ -34,7 +34,7 @@ enum class Kind : std::uint32_t { call = 1, answer = 2, message = 3 };
 using Mac = std::array<std::uint8_t, 6>;
 inline constexpr Mac everybody{0xff, 0xff, 0xff, 0xff, 0xff, 0xff};
 
-// All but `type` in the byte order of the machine: two that differ in it do not find each other.
+// All fields but `type` have the machine's byte order: two ends with different byte orders do not match.
 struct [[gnu::packed]] Header {
   Mac to, from;
   std::uint16_t type;  // as on the wire
@@ -43,7 +43,7 @@ struct [[gnu::packed]] Header {
   std::uint64_t topic;
 };
 static_assert(sizeof(Header) == 30);
-inline constexpr std::size_t ethernet_bytes = 14;  // which the MTU does not count
+inline constexpr std::size_t ethernet_bytes = 14;  // not part of the MTU
 inline constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
 
 struct Link {
@@ -51,11 +51,11 @@ struct Link {
   int index = 0;
   Mac mac{};
   bool loopback = false;
-  std::vector<in_addr_t> addresses;  // IPv4, by which a client can say whom it looks for
+  std::vector<in_addr_t> addresses;  // IPv4: a client names its server by one of them
   std::size_t frame_bytes = 0;       // of the largest frame that this run needs
 };
-// The link under test. `most_bytes`: the largest frame that the transport carries. Throws WrongInput for what
-// can be had on no machine, Error for what this one has not. A server without a payload takes any that fits.
+// The link under test. `most_bytes`: the largest frame that the transport carries. Throws WrongInput if no
+// machine can do it, Error if this one cannot. A server without a stated payload accepts any that fits.
 Link link_of(const Config& config, const std::string& who, std::size_t most_bytes);
 
 std::uint64_t topic_written(const Config& config);
@@ -64,11 +64,11 @@ std::uint64_t topic_read(const Config& config);
 in_addr_t wanted(const Config& config, const std::string& who);
 inline constexpr Option busy_poll{"busy-poll",
                                   "on|off: the receive thread polls without sleeping; it needs its own CPU"};
-// Throws WrongInput for another word than on and off.
+// Throws WrongInput for words other than on and off.
 bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);
 
-// By which another thread ends a wait.
+// With it another thread ends a wait.
 class Bell {
  public:
   Bell();  // throws Error
@@ -76,7 +76,7 @@ class Bell {
   int fd() const noexcept { return fd_; }
   bool rung() const noexcept { return rung_.load(std::memory_order_relaxed); }
   void ring() noexcept;
-  // Until `fd` has something to read, or rings. Returns fd's error, which is told once, or 0.
+  // Waits until `fd` has something to read, or the bell rings. Returns fd's error (once), or 0.
   int wait(int fd) const noexcept;
 
  private:
@@ -109,7 +109,7 @@ class End final : public Endpoint {
       const bool own_table = keep_alone(wire, bell);
       listener_tid_ = gettid();
       while (!bell_.rung()) receive();
-      if (!own_table) return;  // else the link stays taken until the thread is quite gone
+      if (!own_table) return;  // else the link stays in use until the thread has ended
       close_range(0, ~0U, 0);
     });
     while (listener_tid_ == 0) std::this_thread::yield();
@@ -188,7 +188,7 @@ class End final : public Endpoint {
  private:
   static constexpr std::int64_t between_calls_ns = 20'000'000;
 
-  // Of what is sent now.
+  // For a frame that is sent now.
   std::int64_t launch_ns() const noexcept { return config_.launch_ns > 0 ? now_ns() + config_.launch_ns : 0; }
 
   template <typename Fill>
@@ -243,7 +243,7 @@ class End final : public Endpoint {
   std::int64_t next_call_ns_ = 0;
   std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its peer; server: has served a client
   Mac peer_{};                             // the client's, written once, before known_ns_
-  Mac answered_{};                         // whom the server answers; of the thread that receives
+  Mac answered_{};                         // the server's peer now; only for the receiving thread
   std::atomic<int> last_error_{0};
   std::atomic<pid_t> listener_tid_{0};
   std::thread listener_;

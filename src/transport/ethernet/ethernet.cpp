@@ -36,7 +36,7 @@ struct PacketSocket : Descriptor {
   }
 };
 
-// What the kernel writes and we read, slot by slot; each belongs to one of the two.
+// A ring that the kernel writes and this process reads, slot by slot; each slot belongs to one of the two.
 class Ring {
  public:
   Ring(const PacketSocket& socket, std::size_t frame_bytes) {
@@ -140,7 +140,7 @@ class Packets {
     return 0;
   }
 
-  // The kernel counts from question to question.
+  // The kernel counts since the last call.
   Losses losses() {
     tpacket_stats since{};
     socklen_t length = sizeof since;
@@ -166,7 +166,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   return std::make_unique<frames::End<Packets>>(config, sink, frames::link_of(config, who, any_frame), who);
 }
 
-// The largest MTU that there is; the link's own decides.
+// The largest possible MTU; the link's own may be smaller.
 static_assert(shipped("ethernet")->can.max_payload_bytes + frames::overhead ==
               65'535 + frames::ethernet_bytes);
 
