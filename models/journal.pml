@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The journal (src/journal): two instances of ontime, two things of a machine, crashes at every step, a disk
-// that may be full, a user who changes a value. README.md beside this file has the laws.
+// that may be full, a user who changes a value. journal.md has the laws.
 //
 // Values: 0 is what the user had, 1 and 2 are ours, 3 is what the user sets meanwhile.
 // Reading a thing and writing it back is one step here; the kernel has no such step, and the program cannot

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The ledger of a round trip (src/roundtrip/ledger.cpp): one owner, two receivers, one watcher that expires
-// messages. docs: README.md beside this file. Each step names the function that it stands for; steps that one
+// messages. ledger.md has the laws. Each step names the function that it stands for; steps that one
 // atomic instruction does are `atomic` here, and nothing else is.
 //
 // Time is one choice for each answer: its stamp is within the time-out or not. A message may expire at any
@@ -15,13 +15,27 @@
 #define MESSAGES 3
 #define ANSWERS 1  // copies of each answer at most
 #endif
+#ifndef INDEXES
+#define INDEXES 4  // the index wraps around after so many messages; a multiple of SLOTS
+#endif
 #define NONE 255
 #define slot_of(i) ((i) % SLOTS)
+// The index as the wire and the slot's word have it. In the program both have 40 bits.
+#if FAULT == 5
+#define wire_of(i) ((i) % SLOTS)  // too few bits
+#else
+#define wire_of(i) ((i) % INDEXES)
+#endif
+#if FAULT == 6
+#define word_of(i) (i)  // the word has more bits than the wire
+#else
+#define word_of(i) wire_of(i)
+#endif
 
 mtype = {vacant, in_flight, arriving, answered, lost, settled};
 
 // The slot: `index` and `state` are one 64-bit word in the program.
-byte index[SLOTS] = NONE;
+byte index[SLOTS] = NONE;        // word_of() a message
 mtype state[SLOTS] = vacant;
 byte sample[SLOTS] = NONE;       // the owner's: which message it is
 byte answer[SLOTS] = NONE;       // of the receiver that claimed the slot: which message it answers
@@ -30,6 +44,19 @@ byte belated = NONE;             // head of the list of answers in time to messa
 
 byte next = 0, oldest = 0;       // the owner's
 byte copies[MESSAGES] = 0;       // answers under way; the network holds, doubles, drops and reorders them
+#if MESSAGES > INDEXES
+byte held[MESSAGES] = 0;         // answers that a receiver has in its hands
+// The assumption: no answer is under way for so long that another message has its index.
+#define index_is_free(i) ((i) < INDEXES || held[(i) - INDEXES] == 0)
+#define free_index(i) if :: (i) >= INDEXES -> copies[(i) - INDEXES] = 0 :: else fi
+#define take(m) held[m]++
+#define leave(m) if :: m < MESSAGES -> held[m]-- :: else fi
+#else
+#define index_is_free(i) true
+#define free_index(i) skip
+#define take(m) skip
+#define leave(m) skip
+#endif
 bool foreign = true;             // an answer of an earlier session: the client was started again
 
 // The counters that people see, and what the laws are about.
@@ -73,7 +100,7 @@ inline take_belated() {
 inline expire(i) {
   atomic {
     if
-    :: index[slot_of(i)] == i && state[slot_of(i)] == in_flight -> state[slot_of(i)] = lost
+    :: index[slot_of(i)] == word_of(i) && state[slot_of(i)] == in_flight -> state[slot_of(i)] = lost
     :: else
     fi
   }
@@ -87,8 +114,8 @@ inline settle() {
   :: else ->
     if :: expire(oldest) :: skip fi;  // its time-out has passed, or has not
     if  // the word, read once
-    :: index[slot_of(oldest)] == oldest && state[slot_of(oldest)] == answered -> judge_answered(slot_of(oldest)); oldest++
-    :: index[slot_of(oldest)] == oldest && state[slot_of(oldest)] == lost -> judge_lost(slot_of(oldest)); oldest++
+    :: index[slot_of(oldest)] == word_of(oldest) && state[slot_of(oldest)] == answered -> judge_answered(slot_of(oldest)); oldest++
+    :: index[slot_of(oldest)] == word_of(oldest) && state[slot_of(oldest)] == lost -> judge_lost(slot_of(oldest)); oldest++
     :: else -> break
     fi
   od
@@ -106,6 +133,10 @@ active proctype owner() {
       // Ledger::claim
       atomic {
         may_post = false;
+        free_index(next);
+        if
+        :: !index_is_free(next) -> skip
+        :: else ->
         if
         :: state[slot_of(next)] == arriving ->
 #if FAULT == 1
@@ -113,8 +144,9 @@ active proctype owner() {
 #else
           skip
 #endif
-        :: state[slot_of(next)] == lost -> index[slot_of(next)] = next; state[slot_of(next)] = vacant; may_post = true
+        :: state[slot_of(next)] == lost -> index[slot_of(next)] = word_of(next); state[slot_of(next)] = vacant; may_post = true
         :: else -> may_post = true
+        fi
         fi
       }
       if
@@ -122,7 +154,7 @@ active proctype owner() {
         // Ledger::post, and Client::Measurement::post, which sends
         sample[slot_of(next)] = next;
         sent++;
-        atomic { index[slot_of(next)] = next; state[slot_of(next)] = in_flight; }
+        atomic { index[slot_of(next)] = word_of(next); state[slot_of(next)] = in_flight; }
         atomic {
           if  // the network: nothing arrives, one answer, or several
           :: copies[next] = 0
@@ -148,14 +180,15 @@ active [2] proctype receiver() {
   :: owner_done -> break
   :: atomic {  // any answer that is under way, in any order
       if
-      :: copies[0] > 0 -> i = 0; copies[0]--; whose = 0
-      :: MESSAGES > 1 && copies[1] > 0 -> i = 1; copies[1]--; whose = 1
-      :: MESSAGES > 2 && copies[2] > 0 -> i = 2; copies[2]--; whose = 2
-      :: foreign -> foreign = false; i = 0; whose = NONE - 1;
+      :: copies[0] > 0 -> whose = 0
+      :: MESSAGES > 1 && copies[1] > 0 -> whose = 1
+      :: MESSAGES > 2 && copies[2] > 0 -> whose = 2
+      :: foreign -> foreign = false; whose = NONE - 1;
 #if FAULT != 4
         goto taken  // a stray: its session is not this one
 #endif
       fi;
+      if :: whose < MESSAGES -> copies[whose]--; take(whose); i = wire_of(whose) :: else -> i = 0 fi;
       if :: counts = true :: counts = false fi
     }
     d_step { found_index = index[slot_of(i)]; found_state = state[slot_of(i)] }
@@ -170,6 +203,7 @@ active [2] proctype receiver() {
         fi
       :: else
       fi;
+      assert(mine || !counts || sample[slot_of(i)] != whose || state[slot_of(i)] != in_flight);
       if :: !counts -> goto taken :: else fi
     }
     if
@@ -194,7 +228,7 @@ active [2] proctype receiver() {
     :: else  // a duplicate or a stray: it changes no slot
     fi;
 taken:
-    skip;
+    leave(whose);
     d_step { i = 0; whose = 0; found_index = 0; found_state = 0; counts = false; mine = false }
   od
 }

@@ -95,13 +95,6 @@ TEST_F(BackgroundTopics, NodesAndExecutorsNeedRos2) {
   EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("set background.topics"));
 }
 
-// Only its plug-in knows, and the agent asks it: tests/agent_test.cpp.
-TEST_F(BackgroundTopics, ForeignTransportIsNotRefused) {
-  EXPECT_EQ(error("hosts: {component: {ssh: robot, address: 10.0.0.2}}\n" +
-                  with("topics: 1, where: same-node", "modest")),
-            "no error");
-}
-
 TEST_F(BackgroundTopics, TopicNamesAreValidInRos) {
   EXPECT_EQ(roundtrip::background_topic("/robot/arm/ping", 7), "/robot/arm/background_7/ping");
   const std::string longest(240, 'x');

@@ -146,6 +146,7 @@ class Explained : public testing::TestWithParam<bool> {
                              {"link", {{"interface", "to-component"}, {"down", down_["controller"]}}}}},
                            {"component",
                             {{"machine", machine},
+                             {"transport", component_transport_},
                              {"threads", component_threads_},
                              {"link", {{"interface", "to-controller"}, {"down", down_["component"]}}}}}}}});
     const auto reader = writer.reader();
@@ -168,6 +169,7 @@ class Explained : public testing::TestWithParam<bool> {
   std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
   json asked_ = json::object();  // besides
+  json component_transport_;     // as its end reported it
   json controller_threads_ = threads({{asks, "send"}, {hears, "receive"}});
   json component_threads_ = threads({{answers, "receive"}});
 };

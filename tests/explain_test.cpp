@@ -124,6 +124,11 @@ TEST_P(Explained, AThreadThatIsBusyWithBackgroundIsToldApartFromOneThatIsNot) {
     EXPECT_EQ(remedy(transport, where, "single"), "") << transport << " " << where;
   EXPECT_EQ(remedy("ros2", "same-node", "multi"), "");
   EXPECT_EQ(remedy("ros2", "same-node", "single", false), "") << "none come to that end";
+  component_transport_ = {{"nodes", false}, {"shares_threads", true}};  // which counts, whatever its name
+  EXPECT_THAT(remedy("foreign", "same-process", ""), is_told);
+  component_transport_ = {{"nodes", true}, {"shares_threads", false}};
+  EXPECT_EQ(remedy("foreign", "same-participant", ""), "");
+  EXPECT_EQ(remedy("cyclonedds", "same-process", ""), "");
 }
 
 TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {

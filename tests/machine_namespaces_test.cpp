@@ -38,7 +38,7 @@ class Namespaces : public ::testing::Test {
     if (!there_is_ip()) GTEST_SKIP() << "iproute2 is not installed";
   }
   static bool there_is_ip() {
-    return error_of([] { ip({"-Version"}); }).empty();
+    return error_of([] { iproute2({"ip", "-Version"}); }).empty();
   }
 };
 
@@ -86,7 +86,8 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
     EXPECT_EQ(ends[1].name, "ontime-component");
     for (const auto& end : ends) {
       EXPECT_LE(end.interface.size(), 15u);
-      const auto shown = ip({"-netns", end.name, "-oneline", "address", "show", "dev", end.interface});
+      const auto shown =
+          iproute2({"ip", "-netns", end.name, "-oneline", "address", "show", "dev", end.interface});
       EXPECT_THAT(shown, HasSubstr(end.address + "/24"));
     }
     const int controller = socket_in("ontime-controller", ends[0].address);
@@ -118,10 +119,10 @@ TEST_F(Namespaces, HaveAWireOfARateAndAVlan) {
       EXPECT_EQ(ends[0].interface, wire.vlan > 0 ? "vlan5" : "to-component");
       if (wire.vlan > 0) {
         EXPECT_THAT(
-            ip({"-netns", ends[0].name, "-details", "link", "show", "vlan5"}),
+            iproute2({"ip", "-netns", ends[0].name, "-details", "link", "show", "vlan5"}),
             AllOf(HasSubstr("id 5 "), HasSubstr("numtxqueues 8"), HasSubstr("egress-qos-map { 1:1 2:2")));
       } else {
-        EXPECT_THAT(tc({"-netns", ends[0].name, "qdisc", "show", "dev", ends[0].interface}),
+        EXPECT_THAT(iproute2({"tc", "-netns", ends[0].name, "qdisc", "show", "dev", ends[0].interface}),
                     AllOf(HasSubstr("netem"), HasSubstr("rate 10Mbit")));
       }
       const int component = socket_in(ends[1].name, ends[1].address);
@@ -191,7 +192,7 @@ TEST_F(Namespaces, TellWhenTheirLinkIsDown) {
   };
   for (std::size_t times = 1; times <= 2; ++times) {
     for (const auto* what : {"down", "up"}) {
-      ip({"-netns", ends[1].name, "link", "set", ends[1].interface, what});
+      iproute2({"ip", "-netns", ends[1].name, "link", "set", ends[1].interface, what});
       for (const auto* watch : {own.get(), other.get()})
         ASSERT_TRUE(told(*watch, times, what == std::string("up"))) << what << " " << times;
     }
@@ -200,7 +201,7 @@ TEST_F(Namespaces, TellWhenTheirLinkIsDown) {
     EXPECT_FALSE(without.taken) << "the peer has no carrier meanwhile";
     EXPECT_LT(taken.from_ns, taken.to_ns);
   }
-  ip({"-netns", ends[1].name, "link", "delete", ends[1].interface});
+  iproute2({"ip", "-netns", ends[1].name, "link", "delete", ends[1].interface});
   EXPECT_TRUE(told(*other, 3, false)) << "for ever";
   EXPECT_TRUE(other->downs().back().taken);
 }
@@ -213,18 +214,18 @@ TEST_F(Namespaces, CanBeMadeAgainAtOnce) {
 }
 
 TEST_F(Namespaces, ForeignOneIsLeftAlone) {
-  ip({"netns", "add", "ontime-component"});
+  iproute2({"ip", "netns", "add", "ontime-component"});
   {
     journal::Journal journal;
     EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("ip netns delete ontime-component"));
   }
   EXPECT_TRUE(fs::exists("/run/netns/ontime-component"));
   EXPECT_FALSE(fs::exists("/run/netns/ontime-controller"));
-  ip({"netns", "delete", "ontime-component"});
+  iproute2({"ip", "netns", "delete", "ontime-component"});
 }
 
 TEST_F(Namespaces, AreNotJoinedByWhatWouldNotComeBack) {
-  ip({"link", "add", "ontime-left", "type", "veth", "peer", "name", "ontime-right"});
+  iproute2({"ip", "link", "add", "ontime-left", "type", "veth", "peer", "name", "ontime-right"});
   {
     journal::Journal journal;
     EXPECT_THAT(error_of([&] {
@@ -233,7 +234,7 @@ TEST_F(Namespaces, AreNotJoinedByWhatWouldNotComeBack) {
                 AllOf(HasSubstr("ontime-left"), HasSubstr("not hardware")));
     EXPECT_FALSE(exist());
   }
-  ip({"link", "delete", "ontime-left"});
+  iproute2({"ip", "link", "delete", "ontime-left"});
 }
 
 TEST_F(Namespaces, NamespacesOfAKilledProcessAreRemoved) {

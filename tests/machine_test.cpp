@@ -440,7 +440,7 @@ TEST(SharedMemory, IsWhatThisProcessHasMapped) {
 }
 
 TEST(Ip, SaysWhatItSaid) {
-  const auto said = error_of([] { ip({"link", "show", "no-such-link"}); });
+  const auto said = error_of([] { iproute2({"ip", "link", "show", "no-such-link"}); });
   if (said.find("iproute2") != std::string::npos) GTEST_SKIP() << said;
   EXPECT_THAT(said, AllOf(StartsWith("ip link show no-such-link failed: "),
                           HasSubstr("no-such-link\" does not exist")));

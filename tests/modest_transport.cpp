@@ -18,10 +18,15 @@ std::unique_ptr<Endpoint> open(const Config&, Sink&) { return std::make_unique<M
 }  // namespace
 }  // namespace ontime::transport
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    .abi = ontime::transport::abi,
-    .name = "modest",
-    .version = ontime::transport::version,
-    .capabilities = {.listener = true, .waitset = false, .max_payload_bytes = 500, .topics = false},
-    .options = {},
-    .open = ontime::transport::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
+                                                 .name = "modest",
+                                                 .version = ontime::transport::version,
+                                                 .capabilities = {.listener = true,
+                                                                  .waitset = false,
+                                                                  .max_payload_bytes = 500,
+                                                                  .topics = false,
+                                                                  .below_ip = true,
+                                                                  .past_the_kernel = true},
+                                                 .options = {},
+                                                 .open = ontime::transport::open};

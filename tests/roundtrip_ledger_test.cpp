@@ -68,6 +68,22 @@ TEST(Ledger, JudgesFromWhatItIsToldTo) {
   EXPECT_EQ(fate(Ledger::From::due), Fate::late);
 }
 
+TEST(Ledger, IndexThatWrapsAroundOnTheWireIsMatchedWithItsMessage) {
+  constexpr auto first = message::max_index - 2;
+  Ledger ledger(10 * ms, 100 * ms, {4, 64}, Ledger::From::sent, first);
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    const auto index = send(ledger, 0);
+    EXPECT_EQ(index, first + i) << "a sample's does not wrap around";
+    EXPECT_TRUE(ledger.arrived(message::index_of(message::sequence_of(7, index)), 1 * ms, {}));
+    EXPECT_FALSE(ledger.arrived(message::index_of(index), 2 * ms, {}));
+    ledger.settle(3 * ms);
+  }
+  EXPECT_THAT(fates(drained(ledger)), testing::Each(Fate::on_time));
+  EXPECT_EQ(ledger.counters().duplicates, 6U);
+  EXPECT_EQ(ledger.counters().reordered, 0U);
+  EXPECT_EQ(ledger.counters().strays, 0U);
+}
+
 TEST(Ledger, CountsWhatIsNoFirstAnswerBeside) {
   Ledger ledger(10 * ms, 100 * ms, {4, 64});
   const auto first = send(ledger, 0);

@@ -14,6 +14,7 @@
 
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
+#include "settings_by_name.hpp"
 
 namespace ontime::settings {
 namespace {
@@ -26,108 +27,11 @@ using testing::IsEmpty;
 using testing::SizeIs;
 using testing::StartsWith;
 
-const Setting& setting(const std::string& name) {
-  const auto all = table();
-  return *std::find_if(all.begin(), all.end(), [&](const Setting& one) { return name == one.name; });
-}
-
-std::string refused(const std::string& name, const std::string& value) {
-  try {
-    setting(name).check(value);
-  } catch (const std::invalid_argument& error) {
-    return error.what();
-  }
-  return "";
-}
-
 std::string text_of(const std::string& path) {
   std::ifstream file(path);
   std::string text(std::istreambuf_iterator<char>(file), {});
   text.erase(text.find_last_not_of('\n') + 1);
   return text;
-}
-
-// --- words
-
-TEST(Words, InvalidValuesAreRefused) {
-  for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
-           {"ksoftirqd", {"1", "99", "other", "0=60", "0=60,1=other"}},
-           {"irq-threads", {"90", "other"}},
-           {"threaded-napi", {"on", "off"}},
-           {"rps", {"none", "0-1,3"}},
-           {"napi-cpus", {"1"}},
-           {"rmem-max", {"8388608"}},
-           {"governor", {"performance"}},
-           {"coalescing", {"rx-usecs=0", "rx-usecs=10,adaptive-rx=off"}}})
-    for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
-  for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
-           {"ksoftirqd",
-            {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", "", "0=60,0=50", "0=60,00=50"}},
-           {"irq-threads", {"0", "0=60", "-1", "60 "}},
-           {"threaded-napi", {"1", "yes"}},
-           {"rps", {"none,1", "1-", "-"}},
-           {"rmem-max", {"0", "8 MiB", "99999999999"}},
-           {"governor", {"../x", "Performance"}},
-           {"coalescing",
-            {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1",
-             "rx-usecs=3,rx-usecs=90"}}})
-    for (const auto& value : values) EXPECT_NE(refused(name, value), "") << name << ' ' << value;
-}
-
-TEST(Words, OneCpuHasAPriorityOfItsOwn) {
-  const auto& ksoftirqd = setting("ksoftirqd");
-  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
-  EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0"), "fifo:60");
-  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5"), "other:-5");
-  EXPECT_EQ(ksoftirqd.wanted("0=60", first, "other:0"), "fifo:60");
-  EXPECT_THROW(ksoftirqd.wanted("0=60,1000=50", first, "other:0"), journal::Error) << "there is no CPU 1000";
-  EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60"), "other:0");
-  EXPECT_EQ(ksoftirqd.wanted("other", first, "other:-5"), "other:-5") << "its niceness stays";
-  EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0"), journal::Error) << "what cannot be given back";
-}
-
-TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
-  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, file{&kernel_sysctl, "kernel/timer_migration"};
-  const auto shown = [](const char* name, const Thing& thing, const std::string& now) {
-    return value_that_keeps(setting(name), thing, now);
-  };
-  EXPECT_EQ(shown("ksoftirqd", first, "fifo:60"), "60");
-  EXPECT_EQ(shown("ksoftirqd", first, "other:0"), "other");
-  EXPECT_EQ(shown("timer-migration", file, "1"), "on");
-  EXPECT_EQ(shown("rt-throttling", file, "-1"), "off");
-  EXPECT_EQ(shown("busy-poll", file, "50"), "50");
-  EXPECT_EQ(shown("rmem-max", file, "212992"), "212992 B");
-  EXPECT_EQ(shown("ksoftirqd", first, "policy 6:0"), "policy 6:0") << "no value of ontime's";
-  EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
-}
-
-TEST(Words, ValuesOfAllThingsAreOneThatCanBeSet) {
-  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
-  const auto shown = [&](const std::string& of_first, const std::string& of_second) {
-    return values_that_keep({&setting("ksoftirqd"), {{first, of_first}, {second, of_second}}, ""});
-  };
-  EXPECT_EQ(shown("other:0", "other:0"), "other");
-  EXPECT_EQ(shown("fifo:60", "other:0"), "0=60,1=other");
-  EXPECT_EQ(refused("ksoftirqd", shown("fifo:60", "other:0")), "");
-  const auto interrupts = [&](const std::string& last) {
-    return values_that_keep({&setting("irq-cpus"),
-                             {{{&interrupt, "37:PCI-MSI 1"}, "0"}, {{&interrupt, "38:PCI-MSI 2"}, last}},
-                             ""});
-  };
-  EXPECT_EQ(interrupts("0"), "0");
-  EXPECT_EQ(interrupts("1"), "interrupt 37 0, interrupt 38 1");
-  EXPECT_EQ(values_that_keep({&setting("irq-cpus"), {}, ""}), "");
-}
-
-TEST(Words, RefusedPriorityNamesTheOtherForms) {
-  EXPECT_THAT(refused("irq-threads", "fast"), AllOf(HasSubstr("1 to 99"), HasSubstr("other")));
-  EXPECT_THAT(refused("ksoftirqd", "fast"), AllOf(HasSubstr("1 to 99"), HasSubstr("0=60,1=other")));
-}
-
-TEST(Words, CoalescingChangesOnlyTheStatedFields) {
-  EXPECT_EQ(with_coalescing("rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off",
-                            "rx-usecs=0,adaptive-rx=off"),
-            "rx-usecs=0,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=off,adaptive-tx=off");
 }
 
 TEST(Kinds, TouchOnlyWhatTheyAreFor) {
@@ -532,116 +436,6 @@ TEST_F(OnVeth, AppliedSettingsStayUntilTheRevert) {
     EXPECT_THAT(given_back.done, SizeIs(2));
     EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
     EXPECT_THAT(journal::kept(kinds()), IsEmpty());
-  });
-}
-
-TEST(Paper, WarnsOfWhatIsAboveTheApplication) {
-  EXPECT_THAT(warning(paper(), 80),
-              AllOf(StartsWith("irq-threads 90: above the application's 80"), HasSubstr("measure")));
-  EXPECT_THAT(warning({{"ksoftirqd", "0=60,1=85"}}, 80), StartsWith("ksoftirqd"));
-  EXPECT_EQ(warning({{"ksoftirqd", "60"}}, 80), "");
-  EXPECT_EQ(warning({{"ksoftirqd", "0=60,90=2"}}, 80), "") << "CPU 90 is no priority";
-  EXPECT_THAT(warning({{"ksoftirqd", "1"}}, 0), HasSubstr("SCHED_OTHER"));
-}
-
-TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
-  const Link link{"eth0", ""};
-  const Wishes wishes{{"ksoftirqd", "60"}, {"busy-poll", "50"}};
-  const std::vector<Change> changes = {
-      {&setting("busy-poll"), {&network_sysctl, "net/core/busy_poll"}, "0", "50"},
-      {&setting("ksoftirqd"), {&thread_priority, "14:25:ksoftirqd/0"}, "other:0", "fifo:60"},
-      {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
-      {&setting("rps"), {&steering, "3:eth0/rx-0"}, "none", "0-1,33"}};
-  EXPECT_THAT(
-      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/env"),
-      AllOf(HasSubstr("ExecStart=/usr/bin/env tune apply --set busy-poll=50 --set ksoftirqd=60 --interface "
-                      "eth0\n"),
-            HasSubstr("ExecStop=/usr/bin/env tune revert\n")));
-  EXPECT_EQ(at_every_boot(Form::tmpfiles, wishes, {changes[0], changes[3]}, link, ""),
-            "# /etc/tmpfiles.d/ontime.conf\nw /proc/sys/net/core/busy_poll - - - - 50\n"
-            "w /sys/class/net/eth0/queues/rx-0/rps_cpus - - - - 00000002,00000003\n");
-  EXPECT_THAT(error_of([&] { at_every_boot(Form::tmpfiles, wishes, changes, link, ""); }),
-              StartsWith("ksoftirqd: "));
-  const auto script = at_every_boot(Form::shell, wishes, changes, link, "");
-  EXPECT_THAT(
-      script,
-      AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
-            HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
-            HasSubstr("$(threads 'napi/eth0-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
-                      "--pid 0-1 \"$pid\"; done\n")));
-}
-
-TEST(Boot, NetworkNamespaceIsRefusedInEveryForm) {
-  for (const auto form : {Form::systemd, Form::tmpfiles, Form::shell})
-    EXPECT_THROW(at_every_boot(form, {{"gro", "off"}}, {}, {"eth0", "robot"}, "/usr/bin/env"), WrongInput);
-}
-
-TEST(Plan, UnknownCpusAndInterfacesAreWrongInput) {
-  EXPECT_THROW(setting("rps").wanted("1000", {&steering, "3:eth0/rx-0"}, "none"), Unknown);
-  EXPECT_THROW(plan({{"rps", "0"}}, {"nonet0", ""}), WrongInput);
-  EXPECT_THROW(show({"nonet0", ""}), WrongInput);
-}
-
-// Any user has a network namespace with interfaces, and so threads, of any name.
-TEST(Boot, NamesWithSpecialCharactersAreRefusedOrEscaped) {
-  const auto script_for = [](const std::string& name) {
-    return at_every_boot(Form::shell, {},
-                         {{&setting("napi-threads"), {&thread, "90:25:" + name}, "other:0:0", "fifo:60:0"}},
-                         {}, "");
-  };
-  for (const char bad : std::string("';`$\"\\*[( \n"))
-    EXPECT_THAT(script_for(std::string("napi/eth0") + bad + "-12"),
-                HasSubstr("$(threads 'napi/eth0.-[0-9]*');"));
-  EXPECT_THAT(script_for("napi/eth0.5-12"), HasSubstr("$(threads 'napi/eth0[.]5-[0-9]*');"));
-  EXPECT_THAT(script_for("irq/41-ahci[0000"), HasSubstr("$(threads 'irq/[0-9]+-ahci.0000');"));
-  EXPECT_THAT(error_of([] { plan({{"rps", "0"}}, {"e';reboot;'", ""}); }), HasSubstr("interface name"));
-}
-
-TEST(Boot, SystemdUnitNeedsPlainWordsAndAProgramOfRoot) {
-  const auto refused_of = [](const Link& link, const std::string& program) {
-    return error_of([&] { at_every_boot(Form::systemd, {{"ksoftirqd", "60"}}, {}, link, program); });
-  };
-  EXPECT_EQ(refused_of({}, "/usr/bin/env"), "");
-  for (const std::string bad : {"eth0\nExecStartPre=/tmp/x", "a b", "%h", "$x", "'"}) {
-    EXPECT_THAT(refused_of({bad, ""}, "/usr/bin/env"), HasSubstr("cannot be"));
-    EXPECT_THAT(refused_of({}, "/usr/bin/" + bad), HasSubstr("cannot be"));
-  }
-  EXPECT_THAT(refused_of({}, "/usr/bin/none"), HasSubstr("install"));
-  EXPECT_THAT(refused_of({}, "/tmp/none"), HasSubstr("install"));
-  if (geteuid() != 0) return;
-  std::string folder = "/var/ontime-settings-test-XXXXXX";
-  ASSERT_NE(mkdtemp(folder.data()), nullptr);
-  const auto program = folder + "/ontime";
-  std::ofstream(program) << "x";
-  EXPECT_EQ(refused_of({}, program), "");
-  for (const auto& [path, mode] : {std::pair(folder, 0777), std::pair(program, 0775)}) {
-    ASSERT_EQ(chown(path.c_str(), 0, 12345), 0);
-    ASSERT_EQ(chmod(path.c_str(), mode), 0);
-    EXPECT_THAT(refused_of({}, program), AllOf(HasSubstr(path), HasSubstr("install")));
-    ASSERT_EQ(chmod(path.c_str(), 0755), 0);
-  }
-  ASSERT_EQ(chown(program.c_str(), 12345, 0), 0);
-  EXPECT_THAT(refused_of({}, program), HasSubstr("install"));
-  std::filesystem::remove_all(folder);
-}
-
-TEST(Boot, ScriptFindsKernelThreadsByTheirWholeName) {
-  const auto script = at_every_boot(
-      Form::shell, {},
-      {{&setting("ksoftirqd"), {&thread_priority, "14:25:ksoftirqd/0"}, "other:0", "fifo:60"}}, {}, "");
-  const auto begin = script.find("threads()"), end = script.find("for pid");
-  const auto found = [&](const std::string& pattern) {
-    const auto command = script.substr(begin, end - begin) + "threads '" + pattern + "' | wc -l";
-    const std::unique_ptr<FILE, decltype(&pclose)> pipe(popen(command.c_str(), "r"), pclose);
-    int count = -1;
-    EXPECT_EQ(std::fscanf(pipe.get(), "%d", &count), 1);
-    return count;
-  };
-  if (found("kthreadd|ksoftirqd/0") == 0) GTEST_SKIP() << "the kernel's threads are not to be seen from here";
-  in_child([&] {
-    prctl(PR_SET_NAME, "ksoftirqd/0");
-    EXPECT_EQ(found("ksoftirqd/0"), 1) << "a process with that name is not counted";
-    EXPECT_EQ(found("softirqd/0"), 0);
   });
 }
 

@@ -53,12 +53,11 @@ int show_next() {
   };
   if (const auto results = newest_results(); !results.empty())
     add("ontime report " + table::shell_line({results}), "the newest results in this folder");
-  if (transports.empty())  // ping then names the folders where ontime looks for them
-    add("ontime ping --transport udp --loopback", "no transport is installed: see why");
-  else
-    add(fmt::format("ontime ping --transport {} --loopback",
-                    shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),
-        "first round trips, 10 s");
+  if (transports.empty()) shipped = transport::all_shipped;
+  add(fmt::format("ontime ping --transport {} --loopback",
+                  shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),
+      // Without any, ping names the folders where ontime looks for them.
+      transports.empty() ? "no transport is installed: see why" : "first round trips, 10 s");
   add("ontime check", "machine: " + fitness::counts_of(fitness::check({})));
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
   add("ontime init ROBOT", "write a scenario for two machines");

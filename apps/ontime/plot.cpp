@@ -3,16 +3,14 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <filesystem>
+#include <limits>
 #include <map>
 #include <memory>
-#include <string_view>
 #include <system_error>
 
 #include <fmt/format.h>
-#include <spawn.h>
-#include <sys/mman.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "campaign/campaign.hpp"
@@ -21,6 +19,7 @@
 #include "flags.hpp"
 #include "gate/gate.hpp"
 #include "output.hpp"
+#include "process/process.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -33,37 +32,6 @@ struct PlotArguments {
   std::string results, output, figure = "time";
   std::vector<std::string> only;
   bool wide = false;
-};
-
-[[noreturn]] void cannot(const char* what) {
-  throw Error(3, fmt::format("{}: {}", what, std::generic_category().message(errno)));
-}
-
-// A file without a name.
-class Memory {
- public:
-  explicit Memory(const char* what) : file_(::memfd_create(what, MFD_CLOEXEC)) {
-    if (file_ < 0) cannot("there is not enough memory for a figure");
-  }
-  ~Memory() { ::close(file_); }
-  Memory(const Memory&) = delete;
-  Memory& operator=(const Memory&) = delete;
-  int file() const { return file_; }
-
-  void hold(const std::string& text) {
-    if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) ||
-        ::lseek(file_, 0, SEEK_SET) != 0)
-      cannot("there is not enough memory for a figure");
-  }
-  std::string text() const {
-    std::string text(static_cast<std::size_t>(std::max<off_t>(::lseek(file_, 0, SEEK_END), 0)), '\0');
-    if (::pread(file_, text.data(), text.size(), 0) != static_cast<ssize_t>(text.size()))
-      cannot("the figure cannot be read");
-    return text;
-  }
-
- private:
-  int file_;
 };
 
 Plot plot_of(const PlotArguments& arguments) {
@@ -130,33 +98,18 @@ Plot::Form form_of(const char* flag, const std::string& output) {
 }
 
 std::string drawn(const std::string& commands) {
-  Memory script("commands"), figure("figure");
-  script.hold(commands);
-  struct Actions : posix_spawn_file_actions_t {
-    Actions() { posix_spawn_file_actions_init(this); }
-    ~Actions() { posix_spawn_file_actions_destroy(this); }
-    Actions(const Actions&) = delete;
-    Actions& operator=(const Actions&) = delete;
-  } actions;
-  posix_spawn_file_actions_adddup2(&actions, script.file(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
-  std::string name = "gnuplot", fresh = "--default-settings";  // ignores the user's gnuplot settings
-  char* arguments[] = {name.data(), fresh.data(), nullptr};
-  // gnuplot warns of characters that the locale lacks.
-  std::string locale = "LC_ALL=C.UTF-8";
-  std::vector<char*> environment{locale.data()};
-  for (auto** variable = environ; *variable != nullptr; ++variable)
-    if (!std::string_view(*variable).starts_with("LC_ALL=")) environment.push_back(*variable);
-  environment.push_back(nullptr);
-  pid_t process = 0;
-  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environment.data());
-  if (errno == ENOENT) throw Error(3, "figures need gnuplot. Fix: sudo apt install gnuplot-nox");
-  if (errno != 0) cannot("gnuplot cannot be started");
-  int status = 0;
-  while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
-  }
-  auto text = figure.text();
-  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || text.empty())
+  process::Memory script, figure;
+  if (!script.hold(commands)) throw Error(3, "there is not enough memory for a figure");
+  setenv("LC_ALL", "C.UTF-8", 1);  // gnuplot warns of characters that the locale lacks; NOLINT: one thread
+  // --default-settings: not those of the user.
+  const auto gnuplot =
+      process::start({"gnuplot", "--default-settings"}, {script.fd(), figure.fd(), STDERR_FILENO});
+  if (gnuplot.error == ENOENT) throw Error(3, "figures need gnuplot. Fix: sudo apt install gnuplot-nox");
+  if (gnuplot.error != 0)
+    throw Error(3, "gnuplot cannot be started: " + std::generic_category().message(gnuplot.error));
+  const bool failed = process::wait_for(gnuplot.pid) != 0;
+  auto text = figure.text(std::numeric_limits<off_t>::max());
+  if (failed || text.empty())
     throw Error(3,
                 "gnuplot could not draw the figure; its error is above. ontime needs gnuplot 5.4 or later");
   return text;

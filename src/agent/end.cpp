@@ -148,9 +148,15 @@ void End::drop_privileges() {
 }
 
 json End::opened() {
+  const auto& can = plugin_->capabilities;
   return {{"refusals", refusals()},
           {"transport",
-           {{"name", plugin_->name}, {"version", plugin_->version()}, {"facts", endpoint().facts()}}}};
+           {{"name", plugin_->name},
+            {"version", plugin_->version()},
+            {"below_ip", can.below_ip},
+            {"past_the_kernel", can.past_the_kernel},
+            {"nodes", can.nodes},
+            {"shares_threads", can.shares_threads}}}};
 }
 
 void End::set_threads() {

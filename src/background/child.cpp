@@ -19,13 +19,13 @@
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
-#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "background/background.hpp"
+#include "process/process.hpp"
 
 namespace ontime::background {
 namespace {
@@ -174,15 +174,11 @@ bool Child::end() {
 }
 
 // Does not reap the process: its id and its group's must not be reused yet.
-bool Child::ended() const {
-  siginfo_t info{};
-  return pid_ < 0 || waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
-         info.si_pid == pid_;
-}
+bool Child::ended() const { return pid_ < 0 || process::has_ended(pid_); }
 
 std::string output_of(const std::vector<std::string>& command, const std::string& package,
                       std::chrono::nanoseconds limit) {
-  const Output output;
+  const process::Memory output;
   const auto started = start(command, output.fd());
   if (started.pid < 0) {
     if (started.error == ENOENT)
@@ -202,17 +198,6 @@ std::string output_of(const std::vector<std::string>& command, const std::string
   const bool ended = info.si_pid == started.pid;
   throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "timed out",
                           output.text().substr(0, 2000)));
-}
-
-Output::Output() : fd_(memfd_create("output", MFD_CLOEXEC)) {}
-Output::~Output() { close(fd_); }
-
-std::string Output::text() const {
-  constexpr off_t most = 1 << 20;  // of a child that goes on writing
-  std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd_, 0, SEEK_END), 0, most)), '\0');
-  const auto bytes = pread(fd_, all.data(), all.size(), 0);
-  all.resize(static_cast<std::size_t>(std::max<ssize_t>(bytes, 0)));
-  return all;
 }
 
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit) {

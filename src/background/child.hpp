@@ -57,20 +57,6 @@ class Child {
 std::string output_of(const std::vector<std::string>& command, const std::string& package,
                       std::chrono::nanoseconds limit = std::chrono::seconds(10));
 
-// What a child writes, kept in memory, so that it never blocks.
-class Output {
- public:
-  Output();
-  ~Output();
-  Output(const Output&) = delete;
-  Output& operator=(const Output&) = delete;
-  int fd() const { return fd_; }
-  std::string text() const;  // its first MiB
-
- private:
-  int fd_;
-};
-
 // Polls the condition; false if the limit passes first.
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
 

@@ -15,6 +15,7 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
+#include "process/process.hpp"
 
 namespace ontime::background {
 namespace {
@@ -166,7 +167,7 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
   if (wanted == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
   auto folder = std::make_unique<Folder>(directory);
   const auto command = command_for(workers, folder->path());
-  const Output output;
+  const process::Memory output;
   const auto started = start(command, output.fd(), groups);
   if (started.error == ENOENT) throw missing();
   if (started.pid < 0)

@@ -145,6 +145,13 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
   end.opened = ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
+  const auto& declared = end.opened.at("transport");
+  if (const auto why = scenario::why_not_by(
+          task.transport,
+          {.below_ip = declared.at("below_ip"), .past_the_kernel = declared.at("past_the_kernel")}, run_,
+          machines_.hosts().wire);
+      !why.empty())
+    throw Error(2, why);
   if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;

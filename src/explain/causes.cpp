@@ -196,7 +196,10 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
   const auto& transport = is_component ? run.asked.component_transport : task.transport;
   const auto& options = is_component ? run.asked.component_options : task.config.options;
   const auto executor = options.find("executor");
-  const auto* const own = transport::shipped(transport);
+  const auto& declared = record::find(run.outcome.hosts, end).transport;
+  const auto* const own = transport::shipped(transport);  // for records that lack what it declared
+  const bool nodes = declared.nodes.value_or(own != nullptr && own->can.nodes);
+  const bool shares_threads = declared.shares_threads.value_or(own != nullptr && own->can.shares_threads);
   const bool ours = task.config.receive == transport::Receive::waitset;  // a thread for each topic
   switch (background.where) {
     case Where::same_callback_group:
@@ -205,9 +208,9 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
     case Where::same_executor:
       return executor == options.end() || executor->second != "multi";
     case Where::same_participant:
-      return !ours && (own == nullptr || !own->can.nodes);
+      return !ours && !nodes;
     case Where::same_process:
-      return !ours && own != nullptr && own->can.shares_threads;
+      return !ours && shares_threads;
     default:
       return false;
   }

@@ -25,13 +25,13 @@ bool has_word(std::string words, const std::string& word) {
   return std::find(std::istream_iterator<std::string>(all), end, word) != end;
 }
 
-// The root alone has the one, and all but the root the other.
+// Only the root group has the first file, and only the others have the second.
 bool is_root(const Hierarchy& hierarchy) {
   return hierarchy.unified ? !fs::exists(hierarchy.folder + "/cgroup.type")
                            : fs::exists(hierarchy.folder + "/release_agent");
 }
 
-// "" too if the group is gone by now.
+// Also "" if the group no longer exists.
 std::string given_to(const fs::path& group) {
   try {
     return read_file(group / "cpuset.cpus").value_or("");
@@ -70,7 +70,7 @@ Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts)
 std::vector<std::string> owners_of(const Hierarchy& hierarchy, const std::vector<int>& cpus) {
   constexpr int tries = 20;
   std::vector<std::string> owners;
-  std::error_code gone;  // groups come and go; where one goes the walk ends, and begins anew
+  std::error_code gone;  // a removed group ends the walk, which then starts again
   for (int i = 0; i < tries; ++i) {
     owners.clear();
     fs::recursive_directory_iterator entry(hierarchy.folder, gone);

@@ -13,7 +13,7 @@ namespace ontime::isolation {
 
 struct Hierarchy {
   std::string folder;  // of the root group
-  bool unified;        // of version 2; else of version 1, and of this controller
+  bool unified;        // version 2; else version 1 with this controller
 };
 // The hierarchy with the controller "cpuset" or "cpu". Throws, with the fix, if it is not mounted or is only
 // a part of a larger one (in a container).
@@ -41,9 +41,9 @@ struct Thread {
 };
 std::vector<Thread> threads();
 std::vector<pid_t> ids_in(const std::string& file);
-bool move(pid_t, const std::string& file);           // false: it has ended, or the kernel does not let it go
-std::vector<int> cpus_of_thread(pid_t);              // none: it has ended
-void set_cpus(pid_t, const std::vector<int>& cpus);  // if it has not ended, and the kernel lets it
+bool move(pid_t, const std::string& file);           // false: it has ended, or the kernel refuses
+std::vector<int> cpus_of_thread(pid_t);              // empty: it has ended
+void set_cpus(pid_t, const std::vector<int>& cpus);  // no effect if it has ended or the kernel refuses
 
 // Whether a thread would lose its own CPUs after a partition of some of `everybodys` CPUs was made and
 // removed. Linux 6.2 and later `remembers` the CPUs that threads requested.

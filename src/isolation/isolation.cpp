@@ -267,7 +267,7 @@ std::string Isolation::stay() const {
   auto all = threads();
   std::stable_partition(all.begin(), all.end(), [](const Thread& one) { return !one.of_kernel; });
   for (const auto& thread : all)
-    // kthreadd does nothing but have the kernel's other threads.
+    // kthreadd only creates the kernel's other threads.
     if (!(thread.of_kernel && (thread.bound || thread.name == "kthreadd")) && any_of(thread.cpus, kept) &&
         std::ranges::count(ours, thread.id) == 0)
       names.push_back(

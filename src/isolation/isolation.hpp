@@ -32,7 +32,7 @@ class Isolation {
 
   // Binds that process, with all its threads, to the reserved CPUs. Throws journal::Error.
   void keep(pid_t) const;
-  // The CPUs of all others; "" where none are kept.
+  // The CPUs of all other processes; "" if none are reserved.
   const std::string& rest() const { return rest_; }
   // Kernel files into which a load process writes a 0 at its start, to join the load's group.
   std::vector<std::string> beside() const;

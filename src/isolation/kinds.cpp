@@ -47,7 +47,7 @@ void say_interrupts_again() {
     const auto file = fmt::format("/proc/irq/{}/smp_affinity_list", number);
     try {
       if (const auto cpus = read_file(file); cpus) write_file(file, *cpus);
-    } catch (const journal::Error&) {  // the kernel's own, or a CPU's: it cannot be moved
+    } catch (const journal::Error&) {  // of the kernel or of one CPU: it cannot be moved
       continue;
     }
   }
@@ -114,7 +114,7 @@ std::string control_file(const std::string& controller) {
   return root.folder + "/cgroup.subtree_control";
 }
 
-// A group that was given something by this controller; "": none.
+// A group with a setting of this controller; "": none.
 std::string user_of(const std::string& controller) {
   const auto root = hierarchy_of(controller).folder;
   for (const auto& name : settings::names_in(root)) {
@@ -150,7 +150,7 @@ void write_balance(const std::string&, const Value& value, const Value&) {
 
 }  // namespace
 
-// What is mounted is seen from a mount namespace.
+// Mounts are visible in a mount namespace.
 const journal::Kind group_kind = {"control group", journal::Scope::mount_namespace, accepts_group, read_group,
                                   write_group};
 const journal::Kind controller_kind = {"control group controller", journal::Scope::mount_namespace,

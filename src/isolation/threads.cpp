@@ -21,7 +21,7 @@ bool is_number(const std::string& text) {
          std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
 }
 
-// Of a thread's stat; nothing: it has ended.
+// From a thread's stat; nullopt: it has ended.
 std::optional<Thread> thread_of(const std::string& folder, pid_t id) {
   constexpr std::size_t flags_at = 6;  // counted from the state on
   constexpr unsigned long of_kernel = 0x0020'0000, no_setaffinity = 0x0400'0000;
@@ -86,7 +86,7 @@ bool would_be_forgotten(const Thread& thread, const std::vector<int>& everybodys
 std::vector<pid_t> ids_in(const std::string& path) {
   std::ifstream file(path);
   std::vector<pid_t> ids(std::istream_iterator<pid_t>(file), {});
-  if (std::ranges::count(ids, 0) > 0)  // so it calls who is not of our PID namespace
+  if (std::ranges::count(ids, 0) > 0)  // the kernel's word for a process outside our PID namespace
     throw journal::Error(path + " has processes of another PID namespace. Fix: run on the machine itself");
   return ids;
 }
@@ -98,7 +98,7 @@ bool move(pid_t id, const std::string& file) {
   const bool moved = write(fd, text.data(), text.size()) >= 0;
   const int error = errno;
   close(fd);
-  // EINVAL: a thread of the kernel's that is bound.
+  // EINVAL: a bound kernel thread.
   if (!moved && error != ESRCH && error != EINVAL)
     throw settings::trouble(fmt::format("process {} into {}", id, file), error);
   return moved;

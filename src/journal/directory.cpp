@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A folder of files that go with it.
+// A folder that is removed with its files.
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
@@ -34,7 +34,7 @@ Error trouble(const std::string& path, const char* what, int error) {
   return Error(fmt::format("folder {} cannot be {}: {}", path, what, std::generic_category().message(error)));
 }
 
-// "/…/ontime-STEM-RANDOM", with no way up in it.
+// "/…/ontime-STEM-RANDOM", without "..".
 bool accepts(const std::string& path) {
   const auto slash = path.rfind('/');
   if (path.empty() || path[0] != '/' || path.size() > 4000) return false;
@@ -64,8 +64,8 @@ int remove_one(const char* path, const struct stat*, int, FTW* place) {
   return place->level == 0 || std::remove(path) == 0 || errno == ENOENT ? 0 : -1;
 }
 
-// The folder itself is held open, so that no process can put another in its place meanwhile. Neither links
-// nor mounts are followed out of it.
+// The folder is held open, so that no process can replace it meanwhile. Links and mounts that lead out of it
+// are not followed.
 void empty(const std::string& path, int fd) {
   constexpr int open_folders = 16;
   const auto itself = fmt::format("/proc/self/fd/{}/.", fd);
@@ -82,12 +82,12 @@ void remove(const std::string& path, const Value& present) {
   struct stat found {};
   if (itself.get() < 0 || fstat(itself.get(), &found) != 0) throw trouble(path, "removed", errno);
   if (found.st_uid != geteuid()) throw trouble(path, "removed", EPERM);
-  // Killed before it could be told what it had made, its owner cannot have put anything into it.
+  // The owner was killed before it knew the name, so it cannot have put anything into the folder.
   if (present != to_be_made) {
     if (identity_of(found) != present) throw trouble(path, "removed", ESTALE);
     empty(path, itself.get());
   }
-  // Processes that write there may have been killed, but not be gone.
+  // Killed processes that write there may need some time to end.
   for (int attempt = 0; unlinkat(parent.get(), name.c_str(), AT_REMOVEDIR) != 0; ++attempt) {
     if (errno != ENOTEMPTY || present == to_be_made || attempt == patience)
       throw trouble(path, "removed", errno);
@@ -110,7 +110,7 @@ std::string temporary_folder() {
   return folder;
 }
 
-// Also by those of living processes.
+// Includes the journals of living processes.
 std::set<std::string> named_by_journals() {
   std::set<std::string> named;
   const auto folder = Folder::find();

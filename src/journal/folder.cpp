@@ -25,7 +25,7 @@ using namespace std::chrono_literals;
 constexpr auto longest_hold = 10s;
 constexpr const char* suffix = ".journal";
 constexpr const char* kept_suffix = ".kept";
-constexpr const char* told = "told";  // what people were told already, a line each
+constexpr const char* told = "told";  // a line for each report that the user already saw
 
 struct CloseDirectory {
   void operator()(DIR* entries) const { closedir(entries); }
@@ -48,7 +48,7 @@ std::string fault_of(const struct stat& found) {
   return "";
 }
 
-// False if another process has had it for all that time.
+// False if another process held it all that time.
 bool lock(int fd, std::chrono::nanoseconds limit) {
   for (const auto end = std::chrono::steady_clock::now() + limit; flock(fd, LOCK_EX | LOCK_NB) != 0;
        std::this_thread::sleep_for(2ms))
@@ -73,7 +73,7 @@ Error cannot(const std::string& what, int error) {
 std::string folder_path() {
   if (geteuid() == 0) return "/run/ontime";
   const char* const own = std::getenv("XDG_RUNTIME_DIR");  // NOLINT(concurrency-mt-unsafe): no thread sets it
-  struct stat found {};                                    // after `su` it may be that of another user
+  struct stat found {};                                    // after `su` it may be another user's
   if (own != nullptr && own[0] == '/' && stat(own, &found) == 0 && fault_of(found).empty())
     return std::string(own) + "/ontime";
   return fmt::format("/tmp/ontime-{}", geteuid());
@@ -134,7 +134,7 @@ std::vector<std::string> Folder::names(const std::string& ending) const {
 }
 
 std::pair<std::string, Fd> Folder::add_journal() {
-  // Names in the order of time, so that what was changed twice is taken back in the right order.
+  // Sorted by time, so that two changes of one thing are undone in the right order.
   const auto now = std::chrono::system_clock::now().time_since_epoch();
   std::random_device random;
   auto name = fmt::format("{:016x}-{:08x}{}", std::chrono::nanoseconds(now).count(), random(), suffix);
@@ -194,7 +194,7 @@ std::vector<std::string> Folder::not_yet_told(const std::vector<std::string>& li
   if (fresh.empty()) return {};
   try {
     append(fd.get(), fmt::format("{}\n", fmt::join(fresh, "\n")));
-  } catch (const Error&) {  // then it will be told again
+  } catch (const Error&) {  // then it is reported again
   }
   return fresh;
 }

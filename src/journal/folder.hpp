@@ -53,7 +53,7 @@ class Folder {
   std::vector<std::string> journals() const;  // names, the newest first
   std::vector<std::string> kept() const;      // names of the journals of changes to keep
 
-  // Made and locked, for as long as it is open.
+  // Creates a journal, which stays locked while the file is open.
   std::pair<std::string, Fd> add_journal();
 
   struct Opened {
@@ -63,7 +63,7 @@ class Folder {
   };
   Opened open(const std::string& name) const;
   void remove(const std::string& name) const;
-  void keep(const std::string& name) const;  // a journal, from now on among those
+  void keep(const std::string& name) const;  // moves a journal to the kept ones
 
   // Those of these lines that were not reported before; from now on they count as reported.
   std::vector<std::string> not_yet_told(const std::vector<std::string>& lines) const;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A journal as text: a line of JSON for whose it is, one for each change before it is made, and one for what
-// is known of a change afterwards. Pure functions.
+// A journal as text, in lines of JSON: one that names its owner, one for each change before it is made, and
+// one for each later result of a change. Pure functions.
 #pragma once
 
 #include <cstddef>
@@ -28,13 +28,13 @@ struct Entry {
   std::string where;  // place() of the kind's scope, when the change was made
   std::string what;
   Value before, after;
-  bool done = false;  // undone, or left to its new owner: nothing is to be done any more
+  bool done = false;  // undone, or left to its new owner: nothing remains to do
   bool operator==(const Entry&) const = default;
 };
 
 std::string line_of(const Header&);
 std::string line_of(const Entry&);
-// Of entry `index`, counted from 0: what it has become; that it is done.
+// About entry `index`, counted from 0: its new value; that it is done.
 std::string line_of_identity(std::size_t index, const std::string& after);
 std::string line_of_done(std::size_t index);
 
@@ -42,9 +42,9 @@ struct Contents {
   Header header;
   std::vector<Entry> entries;
   std::vector<std::size_t> begins;  // where in the text each entry begins
-  std::string not_understood;       // if there is anything: nothing else is to be relied on
+  std::string not_understood;       // if not empty: do not rely on the other fields
 };
-// Of any bytes. A last line that was not written to its end is a change that was never made.
+// Parses any bytes. An incomplete last line is a change that was never made.
 Contents parse(std::string_view text);
 
 // For people: no control characters, no more than a line.

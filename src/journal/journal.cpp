@@ -102,8 +102,8 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
     else if (now != wanted)
       throw Error(fmt::format("{} {}: requested {}, is {}", kind.name, what, wanted.value_or("gone"),
                               now.value_or("gone")));
-  } catch (const std::exception&) {  // also of the library: no thread, no memory
-    // The present state is our own doing: restore it. If that fails too, the change stays in the journal.
+  } catch (const std::exception&) {  // also from the library: no thread, no memory
+    // ontime made the present state: restore it. If that fails too, the change stays in the journal.
     try {
       if (kind.read(what) != before) kind.write(what, before, wanted);
       if (kind.read(what) == before) {
@@ -133,7 +133,7 @@ std::vector<std::string> Journal::revert() noexcept {
     if (reverted.finished) folder.remove(file->name);
     return std::move(reverted.left);
   } catch (const std::exception& error) {
-    return {error.what()};  // the journal is there still, for revert_abandoned()
+    return {error.what()};  // the journal stays, for revert_abandoned()
   }
 }
 
@@ -186,7 +186,7 @@ std::vector<std::string> revert_abandoned(std::span<const Kind> more, Tell tell)
     std::ranges::move(left, std::back_inserter(done));
     return std::move(done);
   } catch (const Error& error) {
-    // Where nothing can be written, it can be remembered only here that this was told.
+    // On a full disk, only this process can remember that it reported this.
     static std::string told;
     if (told == error.what()) return {};
     told = error.what();

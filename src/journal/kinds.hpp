@@ -20,10 +20,10 @@ extern const Kind directory_kind;
 // Finds a kind by its name: one of the two above, or of `more`. Null if the name is unknown.
 const Kind* find_kind(std::string_view name, std::span<const Kind> more);
 
-// Lower case letters, digits and hyphens: one component of a path, so that nothing else can ever be meant.
+// Lower case letters, digits and hyphens: one component of a path, so it cannot name anything else.
 bool is_plain_name(std::string_view name);
 std::string namespace_path(const std::string& name);
-// The name by which `ip netns` knows a network namespace, of its identity.
+// The name of a network namespace in `ip netns`, found by its identity.
 std::optional<std::string> namespace_name(const std::string& identity);
 
 }  // namespace ontime::journal

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// A network namespace as `ip netns` keeps them: a file in /run/netns over which it is mounted. Not made by
-// `ip`: so its identity is in the journal before any process can see it.
+// A network namespace as `ip netns` has it: mounted over a file in /run/netns. Made without `ip`, so that its
+// identity is in the journal before another process can see it.
 #include <cerrno>
 #include <filesystem>
 #include <future>
@@ -40,7 +40,7 @@ Value read(const std::string& name) {
   return "no namespace";
 }
 
-// As `ip netns` does it: what is mounted in the folder is seen in all mount namespaces.
+// As `ip netns` does it: all mount namespaces see what is mounted in the folder.
 void make_folder(const std::string& name) {
   if (mkdir(folder, 0755) != 0 && errno != EEXIST) throw trouble(name, "made", errno);
   if (mount("", folder, "none", MS_SHARED | MS_REC, nullptr) == 0) return;
@@ -55,7 +55,7 @@ void make_name(const std::string& name) {
   if (fd.get() < 0) throw trouble(name, "made", errno);
 }
 
-// The mount that goes here is that of this mount namespace; those of all others go with the file.
+// Unmounts it in this mount namespace; in all others the mount ends with the file.
 void unmount(const std::string& name, const Value& present) {
   while (read(name) == present)
     if (umount2(namespace_path(name).c_str(), MNT_DETACH | UMOUNT_NOFOLLOW) != 0)
@@ -76,7 +76,7 @@ void write(const std::string& name, const Value& value, const Value& present) {
   }
 }
 
-// In a thread of its own, which takes its place in the new one with it when it ends.
+// In a separate thread: only that thread enters the new namespace, and it ends afterwards.
 void make(Journal& journal, const std::string& name) {
   if (unshare(CLONE_NEWNET) != 0) throw trouble(name, "made", errno);
   const Fd itself(open(own, O_RDONLY | O_CLOEXEC));

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Where we are, in words that can be compared with those of another process.
+// Where this thread is, as text that can be compared with that of another process.
 #pragma once
 
 #include <string>
@@ -8,15 +8,15 @@
 
 namespace ontime::journal {
 
-// The kernel's, new with each start of the machine; "" if it does not say.
+// The kernel's boot_id, new after each reboot; "" if the kernel does not report it.
 std::string boot_id();
 
-// What this thread can see things of that scope from; "" for the whole machine. Throws Error if /proc does
-// not say.
+// The namespace from which this thread sees things of that scope; "" for the whole machine. Throws Error if
+// /proc does not report it.
 std::string place(Scope);
 
-// Of an open network namespace, "" if it is none. The kernel gives the inode of one that has gone to the
-// next, so its cookie is added, which it never gives again (from Linux 5.14 on; root alone can ask).
+// The identity of an open network namespace; "" if the file is not one. The kernel reuses the inode of a
+// removed namespace, so its cookie is added, which is never reused (Linux 5.14 and later; only root can ask).
 std::string network_identity(int fd);
 
 }  // namespace ontime::journal

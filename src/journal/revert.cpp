@@ -18,9 +18,9 @@ namespace {
 
 enum class Fate {
   undone,
-  nothing_there,  // it was never made, another program was quicker, or a reboot took it
+  nothing_there,  // never made, or already undone by another program or a reboot
   not_ours,       // another program has changed it since
-  out_of_sight,   // which is not the same as not being there
+  out_of_sight,   // it may exist elsewhere
 };
 
 bool is_ours(const Entry& entry, const Value& now) {
@@ -28,7 +28,7 @@ bool is_ours(const Entry& entry, const Value& now) {
 }
 
 Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
-  if (entry.before == entry.after) return Fate::nothing_there;  // it was only remembered
+  if (entry.before == entry.after) return Fate::nothing_there;  // only recorded, not changed
   const auto now = kind.read(entry.what);
   if (is_ours(entry, now) && (same_place || now)) {
     kind.write(entry.what, entry.before, entry.after);
@@ -45,7 +45,7 @@ bool of_another_boot(const Header& header) {
   return !boot.empty() && !header.boot.empty() && header.boot != boot;
 }
 
-// Whether this journal's owner made it: then everything in it is gone with it.
+// Whether this journal's owner made the namespace: then everything in it was removed with it.
 bool was_made(const std::string& network, const std::vector<Entry>& entries) {
   return std::any_of(entries.begin(), entries.end(), [&](const Entry& entry) {
     return entry.kind == namespace_kind.name && entry.after == network;
@@ -58,7 +58,7 @@ Fate undo(const Entry& entry, const Kind& kind, const Contents& contents) {
   const bool same_place = rebooted || entry.where == place(kind.scope);
   if (same_place || kind.scope == Scope::mount_namespace)  // an identity is the same from everywhere
     return undo_from(same_place, entry, kind);
-  // The same name elsewhere is another thing.
+  // Elsewhere the same name is another thing.
   const auto name = namespace_name(entry.where);
   if (!name) return was_made(entry.where, contents.entries) ? Fate::nothing_there : Fate::out_of_sight;
   auto fate = Fate::out_of_sight;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way back of one journal, and of all that have no owner.
+// Restores what one journal lists, or all journals without an owner.
 #pragma once
 
 #include <functional>
@@ -21,19 +21,19 @@ struct Reverted {
 
 using Wanted = std::function<bool(const Entry&)>;
 
-// Of a journal that is locked by us: all of it, or the entries that are wanted.
+// Reverts a journal that this process has locked: all of it, or the wanted entries.
 Reverted revert(int fd, const std::string& path, std::span<const Kind> more, const Wanted& wanted = {});
 
-// Adds what a journal's things are, if it is of this boot. Throws Error if it is not understood.
+// Adds the things of a journal of this boot. Throws Error if it is not understood.
 void look_at(int fd, const std::string& path, std::span<const Kind> more, std::vector<Kept>& all);
 
-// A file of the folder, which is removed when nothing is left in it to undo. Adds what came of it.
+// Reverts a file of the folder, and removes it when nothing is left in it to undo. Adds the results.
 void revert_file(const Folder&, const std::string& name, const Folder::Opened&, std::span<const Kind> more,
                  Journal::GivenBack& all);
 
 struct Cleared {
   Journal::GivenBack given_back;
-  std::string holder;  // whose the machine is, for people; nothing was done then
+  std::string holder;  // who holds the machine, for people; then nothing was done
 };
 Cleared clear(const Folder&, std::span<const Kind> more);
 

@@ -6,10 +6,8 @@
 
 namespace ontime::machine {
 
-// Runs iproute2's `ip`, without a shell, and returns what it wrote. Throws Error with what it said if it
-// fails, or with what to install if it is missing.
-std::string ip(const std::vector<std::string>& arguments);
-// As ip(), for `tc`.
-std::string tc(const std::vector<std::string>& arguments);
+// Runs `ip` or `tc`, without a shell, and returns its output. Throws Error with that output if it fails, or
+// with the package to install. In a process group of its own: Ctrl-C does not stop a change half-way.
+std::string iproute2(const std::vector<std::string>& command);
 
 }  // namespace ontime::machine

@@ -33,8 +33,8 @@ NamespaceEnd end(const std::string& host, const std::string& other, std::size_t 
 std::string leg_to(const std::string& component) { return "to-" + component; }
 
 void inside(const NamespaceEnd& end, std::vector<std::string> arguments) {
-  arguments.insert(arguments.begin(), {"-netns", end.name});
-  ip(arguments);
+  arguments.insert(arguments.begin(), {"ip", "-netns", end.name});
+  iproute2(arguments);
 }
 
 void raise(const NamespaceEnd& end) {
@@ -45,8 +45,8 @@ void raise(const NamespaceEnd& end) {
 // Each frame takes its time, and the next one waits for it, as before a wire.
 void slow_down(const NamespaceEnd& end, std::uint64_t bits_per_s) {
   try {
-    tc({"-netns", end.name, "qdisc", "add", "dev", end.interface, "root", "netem", "limit",
-        frames_before_a_wire, "rate", fmt::format("{}bit", bits_per_s)});
+    iproute2({"tc", "-netns", end.name, "qdisc", "add", "dev", end.interface, "root", "netem", "limit",
+              frames_before_a_wire, "rate", fmt::format("{}bit", bits_per_s)});
   } catch (const Error& error) {
     const std::string_view said = error.what();
     const bool unknown =
@@ -111,25 +111,27 @@ void check_end_of_cable(const std::string& name) {
 void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) {
   controller.interface = cable.controller;
   component.interface = cable.component;
-  for (const auto* end : {&controller, &component}) ip({"link", "set", end->interface, "netns", end->name});
+  for (const auto* end : {&controller, &component})
+    iproute2({"ip", "link", "set", end->interface, "netns", end->name});
 }
 
 void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> components) {
   const bool several = components.size() > 1;
   if (several)  // without snooping it floods multicast, as a plain switch does: discovery must not be lost
-    ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
-        "0"});
+    iproute2({"ip", "-netns", controller.name, "link", "add", controller.interface, "type", "bridge",
+              "mcast_snooping", "0"});
   for (const auto& component : components) {
     const auto leg = leg_to(component.host);
-    ip({"link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name", component.interface,
-        "netns", component.name});
-    if (several) ip({"-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
+    iproute2({"ip", "link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name",
+              component.interface, "netns", component.name});
+    if (several)
+      iproute2({"ip", "-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
   }
 }
 
 void wait_until_up(const NamespaceEnd& end) {
   const auto is_up = [&] {
-    const auto said = ip({"-netns", end.name, "-oneline", "link", "show", end.interface});
+    const auto said = iproute2({"ip", "-netns", end.name, "-oneline", "link", "show", end.interface});
     return said.find(" state UP ") != said.npos;
   };
   wait_until(is_up, fmt::format("the link between the namespaces does not come up (see ip -netns {} link)",

@@ -11,9 +11,10 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
+
+#include "process/process.hpp"
 
 namespace ontime::orders {
 namespace {
@@ -58,27 +59,12 @@ Process::Process(std::string name, const std::vector<std::string>& command, Betw
 }
 
 Process::Spawned Process::spawn(const std::string& name, const std::vector<std::string>& command) {
-  auto words = command;
-  std::vector<char*> arguments;
-  arguments.reserve(words.size() + 1);
-  for (auto& word : words) arguments.push_back(word.data());
-  arguments.push_back(nullptr);
   Pipe orders, events;
-  posix_spawn_file_actions_t actions;
-  posix_spawn_file_actions_init(&actions);
-  posix_spawn_file_actions_adddup2(&actions, orders.ends[0], STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, events.ends[1], STDOUT_FILENO);
-  posix_spawnattr_t attributes;
-  posix_spawnattr_init(&attributes);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
-  pid_t pid = -1;
-  const int failed = posix_spawnp(&pid, arguments[0], &actions, &attributes, arguments.data(), environ);
-  posix_spawn_file_actions_destroy(&actions);
-  posix_spawnattr_destroy(&attributes);
-  if (failed != 0)
+  const auto started = process::start(command, {orders.ends[0], events.ends[1], STDERR_FILENO});
+  if (started.error != 0)
     throw Error(3, fmt::format("{} ({}) could not be started: {}", name, fmt::join(command, " "),
-                               errno_text(failed)));
-  return {pid, orders.release(1), events.release(0)};
+                               errno_text(started.error)));
+  return {started.pid, orders.release(1), events.release(0)};
 }
 
 Process::~Process() {

@@ -167,10 +167,12 @@ struct Link {
 
 struct Transport {
   std::string name, version;
-  ByName<std::string> facts;  // those that are texts
+  ByName<std::string> facts;                  // those that are texts
+  std::optional<bool> nodes, shares_threads;  // as it declares itself; earlier records lack it
 
   static void fields(auto& of, auto&& field) {
-    each(field, "name", of.name, "version", of.version, "facts", of.facts);
+    each(field, "name", of.name, "version", of.version, "facts", of.facts, "nodes", of.nodes,
+         "shares_threads", of.shares_threads);
   }
 };
 

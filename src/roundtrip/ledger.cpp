@@ -6,13 +6,25 @@
 
 namespace ontime::roundtrip {
 
-Ledger::Ledger(std::int64_t deadline_ns, std::int64_t timeout_ns, Size size, From from)
+namespace {
+
+// The index of a message wraps around after 40 bits.
+bool is_before(std::uint64_t one, std::uint64_t other) noexcept {
+  return one != other && ((other - one) & message::max_index) <= message::max_index / 2;
+}
+
+}  // namespace
+
+Ledger::Ledger(std::int64_t deadline_ns, std::int64_t timeout_ns, Size size, From from, std::uint64_t first)
     : deadline_ns_(deadline_ns),
       timeout_ns_(timeout_ns),
       from_(from),
       mask_(std::bit_ceil(size.in_flight) - 1),
       capacity_(size.samples),
       slots_(std::make_unique<Slot[]>(mask_ + 1)),
+      next_(first),
+      oldest_(first),
+      highest_answered_(first),
       samples_(size.samples) {
   // Touched once from end to end, so that no page of it is new to the measuring thread.
   while (samples_.push(Sample{})) {
@@ -74,10 +86,10 @@ bool Ledger::arrived(std::uint64_t index, std::int64_t at_ns,
   }
   entry.answer = {at_ns, server.value_or(message::ServerTimes{})};
   auto highest = highest_answered_.load(std::memory_order_relaxed);
-  while (highest < index &&
+  while (is_before(highest, index) &&
          !highest_answered_.compare_exchange_weak(highest, index, std::memory_order_relaxed)) {
   }
-  if (highest > index) count(reordered_);
+  if (is_before(index, highest)) count(reordered_);
   if (belated)
     hand_in(entry);
   else

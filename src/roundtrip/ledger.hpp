@@ -33,7 +33,9 @@ class Ledger {
   };
   // What the deadline counts from: T1, or the cycle that the message was sent in.
   enum class From { sent, due };
-  Ledger(std::int64_t deadline_ns, std::int64_t timeout_ns, Size size, From from = From::sent);
+  // `first`: the index of the first message.
+  Ledger(std::int64_t deadline_ns, std::int64_t timeout_ns, Size size, From from = From::sent,
+         std::uint64_t first = 0);
 
   // Owner. post() is called just before the message is sent, and returns its index; only after claim(),
   // which is false while there is no slot: all are in flight, or a receiver still writes into the next one.
@@ -42,9 +44,9 @@ class Ledger {
   void refused() noexcept { count(refused_sends_); }
   bool idle() const noexcept { return next_ == oldest_; }
 
-  // Receiver. True if this ended the wait for a message in flight: its first answer, be it beyond the
-  // time-out. An answer from before the message was sent is a stray: a peer may guess the next sequence
-  // number.
+  // Receiver, with the index as a message has it: its lower 40 bits. True if this ended the wait for a
+  // message in flight: its first answer, be it beyond the time-out. An answer from before the message was
+  // sent is a stray: a peer may guess the next sequence number.
   bool arrived(std::uint64_t index, std::int64_t at_ns, std::optional<message::ServerTimes> server) noexcept;
   void stray() noexcept { count(strays_); }
   void wrong_size() noexcept { count(wrong_sizes_); }
@@ -77,14 +79,14 @@ class Ledger {
   };
   struct alignas(64) Slot {
     // Index and state in one word, so that an arrival is matched and claimed in one step.
-    std::atomic<std::uint64_t> word{word_of(~std::uint64_t{0} >> 3, State::empty)};
+    std::atomic<std::uint64_t> word{word_of(message::max_index, State::empty)};
     std::atomic<std::int64_t> sent_ns{0};  // as in the sample; read by receivers and by expire()
     Sample sample{};                       // the owner's
     Answer answer;                         // of the receiver that claimed it, and then the owner's
     Slot* next_belated = nullptr;          // the owner's
   };
   static constexpr std::uint64_t word_of(std::uint64_t index, State state) noexcept {
-    return index << 3 | static_cast<std::uint64_t>(state);
+    return (index & message::max_index) << 3 | static_cast<std::uint64_t>(state);
   }
   static constexpr State state_of(std::uint64_t word) noexcept { return static_cast<State>(word & 7); }
   using Count = std::atomic<std::uint64_t>;
@@ -102,10 +104,10 @@ class Ledger {
   const std::uint64_t mask_;
   const std::size_t capacity_;
   std::unique_ptr<Slot[]> slots_;
-  std::uint64_t next_ = 0, oldest_ = 0;  // the owner's
+  std::uint64_t next_, oldest_;          // the owner's
   std::int64_t ended_ns_ = 0;            // the owner's: when the last message was answered, or given up
   std::atomic<Slot*> belated_{nullptr};  // answers in time to messages given up, for the owner
-  std::atomic<std::uint64_t> highest_answered_{0};
+  std::atomic<std::uint64_t> highest_answered_;
   boost::lockfree::spsc_queue<Sample> samples_;
   Count sent_{0}, on_time_{0}, late_{0}, lost_{0}, duplicates_{0}, strays_{0}, reordered_{0}, wrong_sizes_{0},
       wrong_server_times_{0}, skipped_cycles_{0}, refused_sends_{0}, dropped_records_{0}, trailing_cycles_{0};

@@ -53,9 +53,10 @@ void check_queues(const Together& all) {
     if (!is_past_the_kernel(run.task.transport)) continue;
     if (first != nullptr)
       throw std::invalid_argument(
-          fmt::format("over xdp, {} and {} need a queue each, but the controller has one for both: use "
-                      "ethernet for all but one",
-                      first->component, run.component));
+          fmt::format("over {}, {} and {} need a queue each, but the controller has one for both. Use {} for "
+                      "all but one",
+                      run.task.transport, first->component, run.component,
+                      other_transports(&transport::Capabilities::past_the_kernel, false)));
     first = &run;
   }
 }

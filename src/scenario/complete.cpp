@@ -60,11 +60,10 @@ void complete_isolation(const Run& run) {
                         role, cpu, wish.cpus));
 }
 
-// Whether a shipped transport has (or lacks) this capability; false for others, which only their plug-in
-// knows.
+// Whether a transport is known to have (or lack) this capability.
 bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
-  const auto* const own = transport::shipped(transport);
-  return own != nullptr && own->can.*what == has;
+  const auto can = transport::declared(transport);
+  return can && (*can).*what == has;
 }
 
 void check_payload(const Run& run) {
@@ -72,18 +71,10 @@ void check_payload(const Run& run) {
   const auto beside = task.background.topics > 0 ? task.background.payload_bytes : 0;
   const auto largest = std::max(task.config.max_payload_bytes, beside);
   for (const auto& name : {task.transport, run.component_transport})
-    if (const auto* const own = transport::shipped(name);
-        own != nullptr && largest > own->can.max_payload_bytes)
+    if (const auto can = transport::declared(name); can && largest > can->max_payload_bytes)
       throw std::invalid_argument(
           fmt::format("transport {} carries at most {} bytes of payload; {} were requested", name,
-                      own->can.max_payload_bytes, largest));
-}
-
-std::vector<std::string_view> names_with_security() {
-  std::vector<std::string_view> names;
-  for (const auto& one : transport::all_shipped)
-    if (one.can.security) names.push_back(one.name);
-  return names;
+                      can->max_payload_bytes, largest));
 }
 
 }  // namespace
@@ -126,6 +117,46 @@ bool is_past_the_kernel(Text transport) { return is_known(transport, &Capabiliti
 bool has_no_topics(Text transport) { return is_known(transport, &Capabilities::topics, false); }
 bool any_past_the_kernel(const Run& run) {
   return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
+}
+
+std::string other_transports(bool Capabilities::*what, bool has) {
+  std::vector<std::string_view> names;
+  for (const auto& one : transport::all_shipped)
+    if (one.can.*what == has) names.push_back(one.name);
+  return fmt::format("another transport ({})", fmt::join(names, ", "));
+}
+
+std::string why_not_by(Text transport, const Capabilities& can, const Run& run,
+                       const conditions::Wire& wire) {
+  const auto in_kernel = [] { return other_transports(&Capabilities::past_the_kernel, false); };
+  if (can.past_the_kernel && run.explain)
+    return fmt::format(
+        "explain cannot follow {}: the kernel's tracepoints do not see its packets. Leave out explain, or "
+        "use "
+        "{}",
+        transport, in_kernel());
+  if (can.past_the_kernel && run.faults.any())
+    return fmt::format(
+        "{} bypasses the packet filter and queueing disciplines that make link faults: leave out link, or "
+        "use {}",
+        transport, in_kernel());
+  if (can.past_the_kernel && wire.bits_per_s > 0)
+    return fmt::format(
+        "{} bypasses the interface's queueing disciplines, and wire.rate is one: leave out wire.rate, or use "
+        "{}",
+        transport, in_kernel());
+  if (can.below_ip && run.faults.dscp)
+    return fmt::format(
+        "link.dscp needs an IP header, and messages over {} have none: leave it out, or use {}", transport,
+        other_transports(&Capabilities::below_ip, false));
+  return "";
+}
+
+std::string why_not_by_its_transports(const Run& run, const conditions::Wire& wire) {
+  for (const auto& name : {run.task.transport, run.component_transport})
+    if (const auto can = transport::declared(name))
+      if (auto why = why_not_by(name, *can, run, wire); !why.empty()) return why;
+  return "";
 }
 
 constexpr std::string_view options_path = "options.", component_options_path = "component.options.";
@@ -181,17 +212,15 @@ void complete(Run& run) {
         "component.restart");
   if (run.security != Security::off && is_known(run.task.transport, &Capabilities::security, false))
     throw std::invalid_argument(fmt::format("transport {} has no DDS Security: leave out security, or use {}",
-                                            run.task.transport, fmt::join(names_with_security(), " or ")));
+                                            run.task.transport,
+                                            other_transports(&Capabilities::security, true)));
   if (run.security != Security::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
     throw std::invalid_argument(
         fmt::format("security needs the same transport at both ends: DDS of two vendors may not authenticate "
                     "each other. Leave out security or component.transport ({})",
                     run.component_transport));
-  if (run.explain && any_past_the_kernel(run))
-    throw std::invalid_argument(
-        "explain cannot follow xdp: the kernel's tracepoints do not see its packets. Leave out explain, or "
-        "use ethernet");
+  if (const auto why = why_not_by_its_transports(run); !why.empty()) throw std::invalid_argument(why);
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);

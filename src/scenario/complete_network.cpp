@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include "scenario/complete.hpp"
-#include "transport/shipped.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -70,10 +69,6 @@ void complete_link(const Run& run) {
   if (!faults.qdisc.empty() && faults.delay.count() > 0)
     throw std::invalid_argument(
         "link.qdisc and link.delay both set the queueing discipline of the interface: leave out one");
-  if (faults.dscp && is_below_ip(run.task.transport))
-    throw std::invalid_argument(
-        fmt::format("link.dscp needs an IP header, and messages over {} have none: leave it out, or use udp",
-                    run.task.transport));
   if (faults.traffic_priority && run.traffic.bits_per_s == 0)
     throw std::invalid_argument("link.traffic-priority needs a traffic.rate");
   if (faults.jitter > faults.delay)
@@ -91,7 +86,7 @@ constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/background.c
 void check_place(const Run& run) {
   const auto* const where = roundtrip::word_of(run.task.background.where);
   for (const auto& transport : {run.task.transport, run.component_transport})
-    if (const auto* const own = transport::shipped(transport); own != nullptr && !own->can.nodes)
+    if (const auto can = transport::declared(transport); can && !can->nodes)
       throw std::invalid_argument(
           fmt::format("background.where: {} needs ROS 2, and {} has no nodes or executors: use "
                       "same-participant, same-process or other-process",
@@ -112,12 +107,10 @@ std::string without_port(const std::string& address) {
 void complete_network(Run& run) {
   if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
     throw std::invalid_argument("traffic has settings but no rate: set traffic.rate");
-  if (run.faults.any() && any_past_the_kernel(run))
-    throw std::invalid_argument(
-        "xdp bypasses the packet filter and queueing disciplines that make link faults: leave out link, or "
-        "use ethernet");
   complete_link(run);
-  if (is_below_ip(run.task.transport)) run.task.config.priority = run.faults.message_priority;
+  // A transport that is not known here uses it if it needs it.
+  if (const auto can = transport::declared(run.task.transport); !can || can->below_ip)
+    run.task.config.priority = run.faults.message_priority;
 }
 
 void complete_background(const Run& run) {
@@ -128,9 +121,9 @@ void complete_background(const Run& run) {
     return;
   }
   for (const auto& transport : {run.task.transport, run.component_transport}) {
-    const auto* const own = transport::shipped(transport);
-    if (own == nullptr || own->can.background) continue;
-    if (own->can.topics)
+    const auto can = transport::declared(transport);
+    if (!can || can->background) continue;
+    if (can->topics)
       throw std::invalid_argument(
           fmt::format("transport {} has no background topics: use a DDS transport", transport));
     throw std::invalid_argument(fmt::format(

@@ -14,6 +14,7 @@
 
 #include "gate/gate.hpp"
 #include "scenario/combinations.hpp"
+#include "scenario/complete.hpp"
 #include "scenario/document.hpp"
 #include "scenario/hosts.hpp"
 
@@ -41,9 +42,7 @@ std::string why_not_over(const conditions::Wire& wire, const Run& run) {
     return fmt::format("{} does not apply to the VLAN interface of wire.vlan: leave out {} or wire.vlan",
                        name, name);
   }
-  if (wire.bits_per_s > 0 && any_past_the_kernel(run))
-    return "xdp bypasses the interface's queueing disciplines, and wire.rate is one: use ethernet, or leave "
-           "out wire.rate";
+  if (auto why = why_not_by_its_transports(run, wire); !why.empty()) return why;
   if (wire.bits_per_s > 0 && (!run.faults.qdisc.empty() || run.faults.delay.count() > 0))
     return fmt::format(
         "wire.rate and {} both set the queueing discipline of the interface: add wire.vlan, which adds an "

@@ -43,6 +43,11 @@ Together together(const Run&, const Hosts&);
 bool is_below_ip(const std::string& transport);
 bool is_past_the_kernel(const std::string& transport);
 bool any_past_the_kernel(const Run&);  // of its two ends
+// Why a run cannot be measured over a transport with these capabilities, beyond what the agent that opens the
+// transport checks; "": it can. complete() asks where the transport is installed, else the coordinator does
+// once the agent has reported the capabilities.
+std::string why_not_by(const std::string& transport, const transport::Capabilities&, const Run&,
+                       const conditions::Wire&);
 // The address without the port, which only a transport understands.
 std::string without_port(const std::string& address);
 

@@ -11,18 +11,17 @@
 
 namespace ontime::settings {
 
-// A thread of the kernel: "14:25:ksoftirqd/0" is its id, the time of its start, by which it is told from a
-// later one of that id, and its name. Its value: "fifo:60:0-1", "other:0:1": policy; priority, or niceness of
-// a policy that has none; CPUs.
+// A kernel thread. "14:25:ksoftirqd/0" is its id, its start time (a later thread may have the same id) and
+// its name. Its value is policy, priority (or niceness) and CPUs: "fifo:60:0-1", "other:0:1".
 extern const journal::Kind thread;
-// Of a thread whose CPUs are the kernel's to choose: it moves that of an interrupt to where the interrupt
-// comes, and that of an offline CPU has none. Its value: "fifo:60", "other:0".
+// A kernel thread whose CPUs the kernel chooses: an interrupt's thread follows its interrupt, and the thread
+// of an offline CPU has none. Its value: "fifo:60", "other:0".
 extern const journal::Kind thread_priority;
-// "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. Those of the network are seen where
-// they can be written: not in every network namespace.
+// "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. A file of the network exists only in
+// namespaces where it can be written.
 extern const journal::Kind network_sysctl, kernel_sysctl;
 extern const journal::Kind governor;  // "cpu0"
-// "unbound": the CPUs for kernel work that is bound to no CPU.
+// "unbound": the CPUs for kernel work that may run on any CPU.
 extern const journal::Kind workqueues;
 // "41:PCI-MSI 524288": its number, chip and hardware interrupt; its value: CPUs
 extern const journal::Kind interrupt;
@@ -32,13 +31,12 @@ extern const journal::Kind steering;  // "3:eth0/rx-0": to which CPUs its packet
 extern const journal::Kind coalescing;
 extern const journal::Kind gro;  // an interface; "on" or "off"
 
-// Of a CPU or an interface that is not here: wrong input.
+// The error for a CPU or an interface that does not exist here: wrong input.
 struct Unknown : journal::Error {
   using journal::Error::Error;
 };
 
-// An interface is "3:eth0", its index and the name that it had: another one of that name has another index,
-// and one that is renamed keeps it.
+// An interface is "3:eth0": its index, and its name at that time. A renamed interface keeps its index.
 std::string interface_here(const std::string& name);
 bool is_interface(const std::string& what);
 std::string name_of_interface(const std::string& interface_or_queue);  // "eth0", "eth0/rx-0"
@@ -48,7 +46,7 @@ std::optional<std::string> name_now(const std::string& interface_or_queue);
 // Whether `is_so` holds in a network namespace of a process or of `ip netns`, other than this thread's.
 bool in_another_namespace(const std::function<bool()>& is_so);
 
-// Read and written by the name that it has now.
+// Reads and writes by its present name.
 template <auto read, auto write>
 constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(const std::string&)) {
   return {name, journal::Scope::network_namespace, accepts,
@@ -63,7 +61,7 @@ constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(cons
           }};
 }
 
-// For a thing that is a file: its path, and the text to write for a value; nullopt for others.
+// If the thing is a file: its path, and the text to write for a value; else nullopt.
 struct File {
   std::string path, text;
 };
@@ -79,10 +77,10 @@ std::vector<Thing> napi_threads_by_name(const std::string& interface);
 std::string with_priority(const std::string& value, const std::string& asked);
 std::string with_cpus(const std::string& value, const std::string& cpus);
 
-// Those of listed_interrupts() whose CPUs can be set.
+// The members of listed_interrupts() whose CPUs can be set.
 std::vector<int> interrupts_of(const std::string& interface);
-// Whether an interface has interrupts that are not found: those of its device, or of one below it, which may
-// be in another network namespace.
+// Whether some interrupts of an interface are unknown: of its device, or of a device below it, which may be
+// in another network namespace.
 bool hides_interrupts(const std::string& interface);
 std::string interrupt_here(int number);
 std::vector<Thing> cpus_with_governor();  // of those that are online

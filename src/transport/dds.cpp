@@ -29,7 +29,7 @@ void check_options(const Config& config, const std::string& transport, std::span
   throw WrongInput(text);
 }
 
-// What ROS 2 takes for a whole topic name, for a peer of rclcpp can have no other.
+// Why ROS 2 refuses the topic name; nullptr: it accepts it. A peer with rclcpp can have no other names.
 const char* wrong_in_topic(const std::string& name) {
   constexpr std::size_t longest = 247;  // so that it fits, with its prefix, into DDS's 255
   if (!name.starts_with('/')) return "it does not start with a slash";

@@ -17,7 +17,7 @@
 namespace ontime::transport::frames {
 namespace {
 
-// What the kernel says of an interface, by a socket of any kind.
+// What the kernel reports about an interface, through any socket.
 std::optional<ifreq> asked(const std::string& name, unsigned long what) {
   const Descriptor any(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   ifreq request{};
@@ -123,16 +123,16 @@ bool busy_polls(const Config& config, const std::string& who) {
 
 std::string text_of(const Mac& mac) { return fmt::format("{:02x}", fmt::join(mac, ":")); }
 
-Alarm::Alarm() : fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+Bell::Bell() : fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
   if (fd_ < 0) throw Error("no eventfd: " + errno_text());
 }
 
-void Alarm::ring() noexcept {
+void Bell::ring() noexcept {
   rung_ = true;
   eventfd_write(fd_, 1);
 }
 
-int Alarm::wait(int fd) const noexcept {
+int Bell::wait(int fd) const noexcept {
   std::array<pollfd, 2> both{{{fd, POLLIN, 0}, {fd_, POLLIN, 0}}};
   if (poll(both.data(), both.size(), -1) <= 0 || (both[0].revents & POLLERR) == 0) return 0;
   int error = 0;

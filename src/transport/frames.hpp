@@ -34,7 +34,7 @@ enum class Kind : std::uint32_t { call = 1, answer = 2, message = 3 };
 using Mac = std::array<std::uint8_t, 6>;
 inline constexpr Mac everybody{0xff, 0xff, 0xff, 0xff, 0xff, 0xff};
 
-// All but `type` in the byte order of the machine: two that differ in it do not find each other.
+// All fields but `type` have the machine's byte order: two ends with different byte orders do not match.
 struct [[gnu::packed]] Header {
   Mac to, from;
   std::uint16_t type;  // as on the wire
@@ -43,7 +43,7 @@ struct [[gnu::packed]] Header {
   std::uint64_t topic;
 };
 static_assert(sizeof(Header) == 30);
-inline constexpr std::size_t ethernet_bytes = 14;  // which the MTU does not count
+inline constexpr std::size_t ethernet_bytes = 14;  // not part of the MTU
 inline constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
 
 struct Link {
@@ -51,11 +51,11 @@ struct Link {
   int index = 0;
   Mac mac{};
   bool loopback = false;
-  std::vector<in_addr_t> addresses;  // IPv4, by which a client can say whom it looks for
+  std::vector<in_addr_t> addresses;  // IPv4: a client names its server by one of them
   std::size_t frame_bytes = 0;       // of the largest frame that this run needs
 };
-// The link under test. `most_bytes`: the largest frame that the transport carries. Throws WrongInput for what
-// can be had on no machine, Error for what this one has not. A server without a payload takes any that fits.
+// The link under test. `most_bytes`: the largest frame that the transport carries. Throws WrongInput if no
+// machine can do it, Error if this one cannot. A server without a stated payload accepts any that fits.
 Link link_of(const Config& config, const std::string& who, std::size_t most_bytes);
 
 std::uint64_t topic_written(const Config& config);
@@ -64,19 +64,19 @@ std::uint64_t topic_read(const Config& config);
 in_addr_t wanted(const Config& config, const std::string& who);
 inline constexpr Option busy_poll{"busy-poll",
                                   "on|off: the receive thread polls without sleeping; it needs its own CPU"};
-// Throws WrongInput for another word than on and off.
+// Throws WrongInput for words other than on and off.
 bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);
 
-// By which another thread ends a wait.
-class Alarm {
+// With it another thread ends a wait.
+class Bell {
  public:
-  Alarm();  // throws Error
+  Bell();  // throws Error
 
   int fd() const noexcept { return fd_; }
   bool rung() const noexcept { return rung_.load(std::memory_order_relaxed); }
   void ring() noexcept;
-  // Until `fd` has something to read, or rings. Returns fd's error, which is told once, or 0.
+  // Waits until `fd` has something to read, or the bell rings. Returns fd's error (once), or 0.
   int wait(int fd) const noexcept;
 
  private:
@@ -89,7 +89,7 @@ class Alarm {
 //   std::span<std::byte> room() noexcept                   for the next frame; empty: no frame is free now
 //   int send(std::size_t bytes, at_ns) noexcept            the bytes of room(), with Config::launch_ns to
 //                                                          leave then; 0, or why not
-//   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) with
+//   int receive(const Bell&, take) noexcept                 waits, and calls take(std::span<std::byte>) with
 //                                                          each frame; 0, or what is wrong with the link
 //   int fd() · Losses losses() · std::map facts() · const char* thread_name
 // All but the constructor and the last two are real-time safe; room() and send() have one caller at a time.
@@ -105,11 +105,11 @@ class End final : public Endpoint {
     if (config_.receive == Receive::waitset) return;
     listener_ = std::thread([this] {
       pthread_setname_np(pthread_self(), Wire::thread_name);
-      const int wire = wire_.fd(), alarm = alarm_.fd();
-      const bool own_table = keep_alone(wire, alarm);
+      const int wire = wire_.fd(), bell = bell_.fd();
+      const bool own_table = keep_alone(wire, bell);
       listener_tid_ = gettid();
-      while (!alarm_.rung()) receive();
-      if (!own_table) return;  // else the link stays taken until the thread is quite gone
+      while (!bell_.rung()) receive();
+      if (!own_table) return;  // else the link stays in use until the thread has ended
       close_range(0, ~0U, 0);
     });
     while (listener_tid_ == 0) std::this_thread::yield();
@@ -159,7 +159,7 @@ class End final : public Endpoint {
   }
 
   void receive() noexcept override {
-    const int error = wire_.receive(alarm_, [this](std::span<std::byte> frame) {
+    const int error = wire_.receive(bell_, [this](std::span<std::byte> frame) {
       const std::int64_t arrival_ns = now_ns();
       if (frame.size() < sizeof(Header)) return;
       Header header;
@@ -171,7 +171,7 @@ class End final : public Endpoint {
     if (error != 0) last_error_ = error;
   }
 
-  void interrupt() noexcept override { alarm_.ring(); }
+  void interrupt() noexcept override { bell_.ring(); }
 
   std::vector<Thread> threads() override {
     if (listener_tid_ == 0) return {};
@@ -188,7 +188,7 @@ class End final : public Endpoint {
  private:
   static constexpr std::int64_t between_calls_ns = 20'000'000;
 
-  // Of what is sent now.
+  // For a frame that is sent now.
   std::int64_t launch_ns() const noexcept { return config_.launch_ns > 0 ? now_ns() + config_.launch_ns : 0; }
 
   template <typename Fill>
@@ -238,12 +238,12 @@ class End final : public Endpoint {
   const Link link_;
   const in_addr_t wanted_;
   const std::uint64_t topic_written_ = frames::topic_written(config_);
-  Alarm alarm_;
+  Bell bell_;
   Wire wire_;
   std::int64_t next_call_ns_ = 0;
   std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its peer; server: has served a client
   Mac peer_{};                             // the client's, written once, before known_ns_
-  Mac answered_{};                         // whom the server answers; of the thread that receives
+  Mac answered_{};                         // the server's peer now; only for the receiving thread
   std::atomic<int> last_error_{0};
   std::atomic<pid_t> listener_tid_{0};
   std::thread listener_;

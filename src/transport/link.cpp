@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The link under test: whether it is there, and that nothing else carries what a DDS sends and receives.
+// The link under test: whether it exists, and that all DDS packets use it.
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -48,7 +48,7 @@ std::set<std::string> interfaces_of_group() {
   return found;
 }
 
-// Whether a socket that is not ours has the port at which participants of the domain hear of each other.
+// Whether another process's socket has the discovery port of the domain.
 bool others_listen(int domain) {
   std::set<std::uint64_t> ours;
   for (const auto& [descriptor, number] : sockets()) ours.insert(number);

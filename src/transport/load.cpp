@@ -28,7 +28,7 @@ constexpr std::string_view prefix = "ontime_transport_", suffix = ".so";
 constexpr const char* path_variable = "ONTIME_TRANSPORT_PATH";
 constexpr const char* ament_variable = "AMENT_PREFIX_PATH";
 
-// Nothing of a program with file capabilities, into which any user could bring code that way.
+// Empty for a program with file capabilities: any user could make it load code that way.
 std::vector<fs::path> folders_in(const char* variable) {
   std::vector<fs::path> folders;
   const char* value = secure_getenv(variable);
@@ -83,8 +83,8 @@ std::string not_followed() {
       fmt::join(ignored, " and "));
 }
 
-// Whether the file ends before what its ELF header promises, as after an interrupted copy or on a full disk.
-// dlopen() maps such a file, and the process then dies of SIGBUS. It reports other damage itself.
+// Whether the file is shorter than its ELF header states, as after an interrupted copy or on a full disk.
+// dlopen() maps such a file, and SIGBUS then kills the process. It reports other damage itself.
 bool is_truncated(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   ElfW(Ehdr) head{};
@@ -147,6 +147,15 @@ std::string find(const std::string& name) {
                           spelling::suggestion(name, others), remedy(name),
                           others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
                           fmt::join(looked, ", "), not_followed()));
+}
+
+std::optional<Capabilities> declared(const std::string& name) {
+  if (const auto* const own = shipped(name)) return own->can;
+  try {
+    return load(name).capabilities;
+  } catch (const Error&) {  // the agent that opens it says why
+    return {};
+  }
 }
 
 std::vector<std::string> available() {

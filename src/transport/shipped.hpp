@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What ontime's own transports can do, and how to install them. A scenario is read where they need not be
-// installed; of any other transport only its plug-in knows, which the agent asks.
+// What ontime's own transports can do, and how to install them: a scenario is read where they need not be
+// installed. Another transport declares it in its plug-in (see declared()).
 #pragma once
 
 #include <string_view>

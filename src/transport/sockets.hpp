@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What transports ask of the kernel by themselves: descriptors, addresses, links, times to launch at.
+// What transports need from the kernel: descriptors, addresses, links, launch times.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +31,7 @@
 
 namespace ontime::transport {
 
-// A file descriptor that is closed with this; below 0: none.
+// Owns a file descriptor; below 0: none.
 class Descriptor {
  public:
   explicit Descriptor(int fd = -1) noexcept : fd_(fd) {}
@@ -58,7 +58,7 @@ inline std::string kernel_version() {
 }
 
 // Gives this thread a separate table of file descriptors with only these two in it: a table that
-// threads share costs two atomic operations a call. False if the kernel does not.
+// threads share costs two atomic operations a call. False if the kernel refuses.
 inline bool keep_alone(int one, int other) noexcept {
   const auto low = static_cast<unsigned>(std::min(one, other));
   const auto high = static_cast<unsigned>(std::max(one, other));
@@ -87,9 +87,9 @@ inline std::string text_of(in_addr address) {
   return text;
 }
 
-// Throws Error where the link does not run. `flags()` is what the kernel says of it now (IFF_UP and others),
-// or nothing if it is not there, as `which` then says. The kernel tells a second late that a new link runs,
-// and on a busy machine several, so for one that is up this waits.
+// Throws Error if the link does not run. `flags()` returns the kernel's present flags (IFF_UP and others), or
+// nothing if no such link exists; `which` then completes the error. The kernel reports a new link as running
+// up to several seconds late, so this waits for a link that is up.
 template <typename Flags>
 void await_running(const Flags& flags, const std::string& who, const std::string& interface,
                    const std::string& which) {
@@ -116,9 +116,9 @@ inline void permit_launch_times(int fd) {
   throw Error("launch-time: this kernel has no SO_TXTIME (needs Linux 4.19): " + errno_text());
 }
 
-// What CLOCK_TAI will show when now_ns() is that. It is set together with the wall clock, so it is asked each
-// time; of several answers the fastest is the most accurate. Whether the kernel knows what TAI is ahead
-// of UTC does not matter: etf reads the same clock.
+// The time of CLOCK_TAI when now_ns() has that value. It changes with the wall clock, so it is read each
+// time; of several readings the fastest is the most accurate. The kernel need not know the offset of TAI to
+// UTC: etf reads the same clock.
 inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   std::int64_t ahead_ns = 0, least_ns = std::numeric_limits<std::int64_t>::max();
   for (int attempt = 0; attempt < 3; ++attempt) {
@@ -133,8 +133,8 @@ inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   return monotonic_ns + ahead_ns;
 }
 
-// sendto(), of what is to leave at that time. Real-time. Not inline: its buffers are not to be on the stack
-// of who sends without.
+// sendto() with a launch time. Real-time. Not inline, so that sending without one needs no stack for its
+// buffers.
 [[gnu::noinline]] inline ssize_t send_to_leave_at(std::int64_t at_ns, int fd,
                                                   std::span<const std::byte> bytes,
                                                   const sockaddr* to = nullptr,
@@ -154,7 +154,7 @@ inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   head->cmsg_len = CMSG_LEN(sizeof(std::uint64_t));
   const auto tai_ns = static_cast<std::uint64_t>(tai_of(at_ns));
   std::memcpy(CMSG_DATA(head), &tai_ns, sizeof tai_ns);
-  return sendmsg(fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);  // what waits for its launch may fill the socket
+  return sendmsg(fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);  // waiting packets may fill the socket
 }
 
 }  // namespace ontime::transport

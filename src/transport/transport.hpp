@@ -2,8 +2,8 @@
 // The interface for middlewares: bytes in, bytes out, everything created before the first message.
 //
 // A transport is a shared object that exports one `ontime_transport` of type Plugin. It is loaded at run
-// time, one per process: a missing middleware costs nothing, and two vendors' libraries are never loaded
-// together. It may use the module `message` and its middleware, and nothing else of ontime.
+// time, and a process opens one only: a missing middleware costs nothing, and two vendors' libraries never
+// run together. It may use the module `message` and its middleware, and nothing else of ontime.
 #pragma once
 
 #include <array>
@@ -83,7 +83,8 @@ struct Config {
   // Each packet carries a launch time, this long after it is sent; the queueing discipline etf keeps it until
   // then. 0: packets leave at once.
   std::int64_t launch_ns = 0;
-  std::optional<int> priority;  // SO_PRIORITY of frames without IP, for which no packet filter can set it
+  // SO_PRIORITY of frames without IP, for which no packet filter can set it. With an IP header: ignored.
+  std::optional<int> priority;
   // SCHED_FIFO priority of new threads by role, if the middleware has such a setting. Contains only what this
   // process is permitted to set.
   std::map<std::string, int> fifo_priority;
@@ -239,6 +240,9 @@ struct Plugin {
 const Plugin& load(const std::string& name);
 // The file that load() would load. Throws the Error of load() if it does not exist.
 std::string find(const std::string& name);
+// What it declares: one of ontime's own by the list in shipped.hpp, another by its plug-in, which this loads.
+// Nothing if that is not installed here: the agent that opens it then asks it.
+std::optional<Capabilities> declared(const std::string& name);
 // The names that load() would find, sorted.
 std::vector<std::string> available();
 

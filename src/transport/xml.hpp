@@ -18,8 +18,8 @@ struct Document {
   Tree tree;
 };
 
-// Both throw Error that begins with `who` and names the origin: the line of what is no XML, or the file that
-// is not there and who named it.
+// Both throw Error that begins with `who` and names the origin: the line that is not XML, or the missing file
+// and what named it.
 Document parse(std::istream& in, const std::string& origin, const std::string& who);
 Document parse_file(const std::string& path, const std::string& named_by, const std::string& who);
 std::string text_of(const Tree& tree);
@@ -32,7 +32,7 @@ void for_each_element(const Tree& tree, const Visit& visit) {
   }
 }
 
-// Erases what `unwanted` says of (name, element), and tells whether there was any.
+// Erases elements for which `unwanted(name, element)` is true, and returns whether any existed.
 template <typename Unwanted>
 bool erase_if(Tree& tree, const Unwanted& unwanted) {
   bool erased = false;
@@ -48,17 +48,17 @@ bool erase_if(Tree& tree, const Unwanted& unwanted) {
   return erased;
 }
 
-bool erase(Tree& tree, std::initializer_list<const char*> names);  // the elements that are called so
+bool erase(Tree& tree, std::initializer_list<const char*> names);  // the elements of these names
 bool has(const Tree& tree, const std::string& element);
 std::string child_text(const Tree& tree, const std::string& element);  // empty if there is no such child
 
-// A part of such XML that only the user's own settings may have, not those that a scenario brings.
+// A part of the XML that only the user's own settings may have, not a scenario.
 struct Forbidden {
   const char* element;
   const char* does;            // "writes files"
-  const char* only = nullptr;  // where this is its text
+  const char* only = nullptr;  // only if this is its text
 };
-// Throws WrongInput, which says to put it into `instead`.
+// Throws WrongInput with the fix: put it into `instead`.
 void refuse(const Document& document, std::initializer_list<Forbidden> forbidden, const std::string& who,
             const std::string& instead);
 

@@ -248,6 +248,14 @@ class Results(unittest.TestCase):
             if size > 64:  # there is an ELF header
                 self.assertIn("truncated", said)
 
+    def test_what_a_transport_declares_on_its_machine_is_respected(self):
+        folder = next(pathlib.Path(ONTIME).resolve().parent.parent.rglob("ontime_transport_modest.so")).parent
+        path = self.folder / "foreign.yaml"
+        host = f"{{host-prefix: [env, 'ONTIME_TRANSPORT_PATH={folder}'], address: 127.0.0.1}}"
+        path.write_text(f"hosts: {{controller: {host}, component: {host}}}\n"
+                        "runs: [{id: a, transport: modest, payload: 16 B, duration: 100 ms, link: {message-priority: 6}}]\n")
+        self.assertIn("modest bypasses the packet filter", self.ontime("run", path, code=2).stderr)
+
     def test_all_hosts_are_checked_before_the_first_run(self):
         path = self.folder / "unready.yaml"
         path.write_text("hosts:\n  controller: {host-prefix: ['false'], address: 127.0.0.1}\n"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Cyclone DDS is configured with: our settings for the run, and the user's own XML.
+// The configuration of Cyclone DDS: ontime's settings for the run, and the user's own XML.
 #pragma once
 
 #include <string>
@@ -15,17 +15,17 @@ struct Configuration {
 };
 
 // The user's XML is CYCLONEDDS_URI and then the option "config". It wins over ours, list by list and value by
-// value, except where the run would not be what was asked:
-// - what of it leads around the link under test gives way where one is named, and another carrier than UDPv4
-//   is refused;
+// value, with exceptions that keep the run as requested:
+// - if a link under test is named, parts that lead around it are removed, and a carrier other than UDPv4 is
+//   refused;
 // - shared memory is off, for it would bypass any link;
 // - threads whose role has a priority in Config::fifo_priority are born with that, not with the user's.
-// Throws WrongInput for what an option may not have (it may come from a foreign scenario: it would
-// write files, load libraries or open a port), and Error for XML that cannot be read and for real-time
-// threads that this process may not have, at which Cyclone DDS would abort.
+// Throws WrongInput for parts that an option may not have: it may come from a foreign scenario, and would
+// write files, load libraries or open a port. Throws Error for XML that cannot be read, and for real-time
+// threads that this process may not have (Cyclone DDS would abort).
 Configuration configuration(const Config& config);
 
-// What Cyclone DDS logged of a configuration that it does not take, without what only its own files have:
+// What Cyclone DDS logged about a configuration that it refuses, without the names of its own files:
 // "<Domain> has no element <Generall>".
 std::string legible(std::string log);
 

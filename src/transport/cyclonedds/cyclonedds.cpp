@@ -66,7 +66,7 @@ void demand_security(dds_qos_t& qos, const Security& security) {
   give("dds.sec.access.permissions", security.permissions);
 }
 
-// Of all endpoints of this process: Cyclone has a domain once in a process.
+// Shared by all endpoints of this process: Cyclone opens a domain once in a process.
 struct Domain {
   std::deque<Blocks> blocks;  // of each endpoint, for messages may outlive it
   dds_entity_t entity = 0;
@@ -93,13 +93,13 @@ auto vendor_qos(const Qos& qos) {
   dds_qset_durability(result.get(), qos.durability == Durability::transient_local
                                         ? DDS_DURABILITY_TRANSIENT_LOCAL
                                         : DDS_DURABILITY_VOLATILE);
-  // What is kept for those who come late is as much as is kept for the others.
+  // Late readers get the same history as the others.
   dds_qset_durability_service(result.get(), 0, history, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
                               DDS_LENGTH_UNLIMITED);
   return result;
 }
 
-// A thread is born with its parent's name, and gives itself its own a little later.
+// A new thread has its parent's name, and sets its own a little later.
 void await_names(const std::vector<dds::Task>& before) {
   const auto all = dds::tasks();
   const auto self =
@@ -130,7 +130,7 @@ class CycloneEndpoint final : public Endpoint {
   std::map<std::string, std::string> facts() override;
 
  private:
-  // Before anything is opened, so that what is gets closed wherever a constructor fails.
+  // Opens nothing yet, so that the destructor runs wherever a later constructor fails.
   CycloneEndpoint(const Config& config, Sink& sink, Configuration configuration,
                   std::shared_ptr<Domain> domain, dds_entity_t participant);
   void open_participant(Log& log);
@@ -149,7 +149,7 @@ class CycloneEndpoint final : public Endpoint {
   dds::Gaps gaps_;
   std::shared_ptr<Domain> domain_;
   Blocks& blocks_;
-  std::vector<dds_entity_t> own_;  // what ends with this endpoint, where the domain does not
+  std::vector<dds_entity_t> own_;  // closed with this endpoint, if the domain stays
   ddsi_sertype* type_ = nullptr;
   dds_entity_t participant_ = 0;
   dds_entity_t writer_ = 0;
@@ -194,7 +194,7 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink, const Cyclone
 }
 
 CycloneEndpoint::~CycloneEndpoint() {
-  // The last one's threads, which call it, end here, and not when its members are half gone.
+  // The threads that call the last endpoint end here, before its members are destroyed.
   if (domain_.use_count() == 1) {
     domain_.reset();
     return;
@@ -273,7 +273,7 @@ void CycloneEndpoint::take_all(dds_entity_t reader) noexcept {
   while (count == static_cast<dds_return_t>(batch)) {
     count = dds_takecdr(reader, messages.data(), batch, infos.data(), DDS_ANY_STATE);
     for (std::size_t i = 0; i < static_cast<std::size_t>(std::max(count, 0)); ++i) {
-      // The application reads one after the other, so each arrives when its turn comes.
+      // The application reads them one by one, so each arrives at its turn.
       const std::int64_t arrival_ns = now_ns();
       if (const Origin* const origin = taken(*messages[i])) gaps_.note(origin->writer, origin->number);
       if (const auto view = message::decode(cdr(*messages[i])))
@@ -293,14 +293,14 @@ void CycloneEndpoint::receive() noexcept {
   take_all(reader_);
 }
 
-// Cyclone 0.10 itself tells neither: its status "sample lost" counts what came out of order.
+// Cyclone 0.10 reports neither: its status "sample lost" counts messages that came out of order.
 Losses CycloneEndpoint::losses() {
   const std::uint64_t overwritten = blocks_.overwritten();
   const std::uint64_t missing = std::max(gaps_.missing(), overwritten);  // noticed with the next one taken
   return {.on_the_way = missing - overwritten, .overwritten = overwritten};
 }
 
-// Calls visit for each sample of a topic on which Cyclone tells what it discovered.
+// Calls visit for each sample of one of Cyclone's discovery topics.
 template <typename Sample, typename Visit>
 void for_each_discovered(dds_entity_t participant, dds_entity_t builtin_topic, const Visit& visit) {
   const dds_entity_t reader = dds_create_reader(participant, builtin_topic, nullptr, nullptr);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cyclone DDS prints by itself. As long as this lives, what it says is kept, for an error; later it is
-// silent. Before it aborts it must be heard.
+// Cyclone DDS prints by itself. While this lives, its output is kept for an error; later it is silent. What
+// it prints before it aborts is always shown.
 #pragma once
 
 #include <cstdio>

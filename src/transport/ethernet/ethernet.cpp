@@ -36,7 +36,7 @@ struct PacketSocket : Descriptor {
   }
 };
 
-// What the kernel writes and we read, slot by slot; each belongs to one of the two.
+// A ring that the kernel writes and this process reads, slot by slot; each slot belongs to one of the two.
 class Ring {
  public:
   Ring(const PacketSocket& socket, std::size_t frame_bytes) {
@@ -130,17 +130,17 @@ class Packets {
   }
 
   template <typename Take>
-  int receive(const frames::Alarm& alarm, const Take& take) noexcept {
+  int receive(const frames::Bell& bell, const Take& take) noexcept {
     while (!ring_.has_frame()) {
-      if (alarm.rung()) return 0;
+      if (bell.rung()) return 0;
       if (busy_) continue;
-      if (const int error = alarm.wait(socket_); error != 0) return error;
+      if (const int error = bell.wait(socket_); error != 0) return error;
     }
-    while (ring_.has_frame() && !alarm.rung()) ring_.hand_over(take);
+    while (ring_.has_frame() && !bell.rung()) ring_.hand_over(take);
     return 0;
   }
 
-  // The kernel counts from question to question.
+  // The kernel counts since the last call.
   Losses losses() {
     tpacket_stats since{};
     socklen_t length = sizeof since;
@@ -166,7 +166,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   return std::make_unique<frames::End<Packets>>(config, sink, frames::link_of(config, who, any_frame), who);
 }
 
-// The largest MTU that there is; the link's own decides.
+// The largest possible MTU; the link's own may be smaller.
 static_assert(shipped("ethernet")->can.max_payload_bytes + frames::overhead ==
               65'535 + frames::ethernet_bytes);
 

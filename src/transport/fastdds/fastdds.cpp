@@ -119,7 +119,7 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
   return qos;
 }
 
-// A file that is nowhere but in this process, for a middleware that reads nothing else.
+// A file in this process's memory, for a middleware that reads only files.
 Descriptor memory_file(const std::string& text) {
   Descriptor file(memfd_create("ontime", MFD_CLOEXEC));
   if (file < 0 || write(file, text.data(), text.size()) != static_cast<ssize_t>(text.size()))
@@ -151,7 +151,7 @@ std::vector<Descriptor> demand_security(vendor::DomainParticipantQos& qos, const
   return files;
 }
 
-// What readers and writers have alike.
+// Settings that readers and writers share.
 template <typename EndpointQos>
 void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes, rtps::MemoryManagementPolicy_t memory) {
   to.reliability().kind = qos.reliability == Reliability::reliable ? vendor::RELIABLE_RELIABILITY_QOS
@@ -172,7 +172,7 @@ void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes, rtps::Memor
   to.data_sharing().off();
 }
 
-// Keeps what was discovered of others, for people.
+// Keeps what was discovered about other participants, for people.
 class Discovered final : public vendor::DomainParticipantListener {
  public:
   explicit Discovered(const Config& config) : ours_{dds::topic_read(config), dds::topic_written(config)} {}
@@ -220,7 +220,7 @@ dds::Gaps::Writer writer_of(const vendor::SampleInfo& info) {
   return writer;
 }
 
-// Of all endpoints that share it.
+// Shared by its endpoints.
 struct SharedParticipant {
   explicit SharedParticipant(const Config& config) : discovered(config) {}
   ~SharedParticipant() {
@@ -253,7 +253,7 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
   std::map<std::string, std::string> facts() override;
 
  private:
-  // Before anything is opened, so that what is gets closed wherever a constructor fails.
+  // Opens nothing yet, so that the destructor runs wherever a later constructor fails.
   FastEndpoint(const Config& config, Sink& sink, std::shared_ptr<SharedParticipant> participant);
   void open_participant(Log& log);
   void open_topics_and_ends(Log& log, rtps::MemoryManagementPolicy_t memory);
@@ -309,7 +309,7 @@ FastEndpoint::FastEndpoint(const Config& config, Sink& sink, const FastEndpoint*
 }
 
 FastEndpoint::~FastEndpoint() {
-  // The last one's threads, which call it, end here, and not when its members are half gone.
+  // The threads that call the last endpoint end here, before its members are destroyed.
   if (participant_.use_count() == 1) {
     participant_.reset();
     return;

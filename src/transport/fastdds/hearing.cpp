@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Topics of any type, read as one more best-effort reader of each writer: it holds up none.
+// Reads topics of any type as an additional best-effort reader of each writer, which delays no writer.
 #include "transport/fastdds/hearing.hpp"
 
 #include <algorithm>
@@ -29,7 +29,7 @@ using vendor::StatusMask;
 
 constexpr std::size_t most_waiting = 1 << 20;  // messages between two calls of take()
 
-// It looks at no byte of a message: when it came, and its number, are beside it.
+// It reads no byte of a message: its arrival time and number are in the sample's information.
 class AnyType final : public vendor::TopicDataType {
  public:
   AnyType(const std::string& name, bool has_key) {
@@ -53,7 +53,7 @@ class AnyType final : public vendor::TopicDataType {
   }
 };
 
-// What readers must have alike to match a writer.
+// Settings that a reader needs to match a writer.
 struct Kind {
   std::string topic, type;
   bool has_key = false, is_exclusive = false;

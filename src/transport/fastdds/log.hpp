@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fast DDS prints by itself. As long as this lives it prints nothing, and what it would have said is kept:
-// by all participants of this process. One at a time in a process.
+// Fast DDS prints by itself. While this lives, the output of all participants of this process is kept
+// instead. One at a time in a process.
 #pragma once
 
 #include <memory>

@@ -18,7 +18,7 @@ constexpr const char* more_variables_variable = "FASTDDS_ENVIRONMENT_FILE";
 constexpr const char* file_in_this_folder = "DEFAULT_FASTRTPS_PROFILES.xml";
 constexpr std::size_t unfragmented_bytes = 65'000;
 
-// The child of that name, made if it is not there.
+// The child of that name, created if missing.
 Tree& child_of(Tree& tree, const char* name) {
   const auto found = tree.find(name);
   return found == tree.not_found() ? tree.push_back({name, Tree{}})->second : found->second;
@@ -47,7 +47,7 @@ std::vector<Document> users_documents(const Config& config, const std::string& w
   return documents;
 }
 
-// What leads around a link that is named.
+// Elements that lead around a named link.
 bool erase_ways_around_the_link(Tree& tree) {
   return xml::erase(tree, {"userTransports", "useBuiltinTransports", "defaultUnicastLocatorList",
                            "defaultMulticastLocatorList", "metatrafficUnicastLocatorList",
@@ -63,7 +63,7 @@ void append(Tree& to, const std::string& name, const Tree& content, Tree& profil
     to.push_back({name, content});
 }
 
-// All documents as one: of several <profiles> in a document Fast DDS would load the first alone.
+// All documents as one: Fast DDS loads only the first of several <profiles> in a document.
 Tree merged(const std::vector<Document>& documents) {
   Tree dds, profiles;
   for (const Document& document : documents)
@@ -77,7 +77,7 @@ Tree merged(const std::vector<Document>& documents) {
   return dds;
 }
 
-// What Fast DDS would take for the default: the last that says so, or else one of ours.
+// The default profile for Fast DDS: the last one marked so, or else ontime's.
 Tree& default_participant(Tree& profiles) {
   Tree* last = nullptr;
   for (auto& [name, profile] : profiles)

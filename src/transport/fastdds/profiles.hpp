@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What Fast DDS is configured with: one document of its XML profiles, made of the user's own and of the
-// run's. It uses no Fast DDS, so that a program that loads Fast DDS (ROS 2's RMW) can use it.
+// The configuration of Fast DDS: one document of XML profiles, from the user's and the run's. It does not use
+// Fast DDS, so that a program that loads Fast DDS itself (ROS 2's RMW) can use it.
 #pragma once
 
 #include <optional>
@@ -19,16 +19,17 @@ struct Profiles {
 
 // The user's profiles are what Fast DDS loads by itself, the file FASTRTPS_DEFAULT_PROFILES_FILE and, unless
 // SKIP_DEFAULT_XML_FILE is 1, DEFAULT_FASTRTPS_PROFILES.xml in the working directory, and then the option
-// "profiles". They stay as they are, except where the run would not be what was asked:
-// - where a link under test is named, their transports, locators and data sharing give way to UDPv4 on that
-//   link alone; else their transports stay, and where they name none it is UDPv4 alone;
+// "profiles". They stay as they are, with exceptions that keep the run as requested:
+// - if a link under test is named, UDPv4 on that link replaces their transports, locators and data sharing;
+// else
+//   their transports stay, and without any it is only UDPv4;
 // - peers are added to theirs;
 // - shortcuts within a process are off.
-// Throws WrongInput for what an option may not have (it may come from a foreign scenario: it would
-// write files), and Error for a file that is not there or no XML. `who` begins each message.
+// Throws WrongInput for parts that an option may not have (it may come from a foreign scenario, and would
+// write files), and Error for a file that is missing or not XML. `who` begins each message.
 Profiles profiles(const Config& config, const std::string& who);
 
-// While it lives, the environment has Fast DDS load no file by itself.
+// While it lives, the environment keeps Fast DDS from loading files by itself.
 class NoFile {
  public:
   NoFile();

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plain UDP: the floor under every middleware.
+// Plain UDP: the lower bound for every middleware.
 //
 // A datagram is a header (magic, kind, cookie) and, when it carries a message, the message's CDR bytes.
 // The server answers only addresses that it has verified: a cookie is a keyed hash (SipHash-2-4) of the
 // sender's address, which only a receiver at that address can know. The server keeps no state for
-// it, so clients come and go for days; a datagram without the right cookie is answered by the cookie, never
-// by more bytes than it had, so that no host can be flooded through us.
+// it, so clients can come and go for days. It answers a datagram without the right cookie by the cookie,
+// never with more bytes than it received, so that it cannot be used to flood a host.
 #include <array>
 #include <atomic>
 #include <cerrno>
@@ -96,7 +96,7 @@ class Udp final : public Endpoint {
         pthread_setname_np(pthread_self(), "ontime-udp-recv");
         const bool own_table = keep_alone(socket_, socket_);
         while (!stopping_) receive();
-        if (own_table) close(socket_);  // else the port stays taken until the thread is quite gone
+        if (own_table) close(socket_);  // else the port stays in use until the thread has ended
       });
       while (listener_tid_ == 0) std::this_thread::yield();
     }
@@ -117,7 +117,7 @@ class Udp final : public Endpoint {
     return {peers, peers, known_ns};
   }
 
-  // UDP numbers nothing, so what the link lost it cannot tell.
+  // UDP has no sequence numbers, so it does not know what the link lost.
   Losses losses() override {
     std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
     socklen_t length = sizeof memory;
@@ -226,7 +226,7 @@ class Udp final : public Endpoint {
     if (known_ns_.load(std::memory_order_relaxed) == 0) known_ns_ = now_ns();
   }
 
-  // Launched as long after now as all that has no time of its own; where nothing has, as it is sent.
+  // No launch time of its own: Config::launch_ns after now, or at once without it.
   static constexpr std::int64_t soon = 0;
 
   bool send_bytes(std::span<const std::byte> bytes, std::int64_t at_ns) noexcept {
@@ -242,8 +242,7 @@ class Udp final : public Endpoint {
         sent = sendto(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
       if (sent == static_cast<ssize_t>(bytes.size())) return true;
       last_error_ = errno;
-      if (errno != ECONNREFUSED)
-        return false;  // else an earlier datagram's error was told us, not this one's
+      if (errno != ECONNREFUSED) return false;  // else the error belongs to an earlier datagram
     }
     return false;
   }
@@ -256,7 +255,7 @@ class Udp final : public Endpoint {
     crypto_shorthash(hash.data(), who.data(), who.size(), key_.data());
     std::uint64_t cookie = 0;
     std::memcpy(&cookie, hash.data(), sizeof cookie);
-    return cookie == 0 ? 1 : cookie;  // 0 is a client that has none yet
+    return cookie == 0 ? 1 : cookie;  // 0: a client that has none yet
   }
 
   void serve(const Header& header, std::span<std::byte> cdr, std::int64_t arrival_ns) noexcept {
@@ -275,7 +274,7 @@ class Udp final : public Endpoint {
 
   void take(const Header& header, std::span<std::byte> cdr, std::int64_t arrival_ns) noexcept {
     if (header.kind == Kind::cookie) {
-      cookie_ = header.cookie;  // the first one, or that of a pong that was started anew
+      cookie_ = header.cookie;  // the first one, or that of a restarted pong
       know();
     } else if (header.kind == Kind::message && header.cookie == cookie_.load(std::memory_order_relaxed)) {
       if (const auto view = message::decode(cdr)) sink_.arrived(view->sequence, view->payload, arrival_ns);
@@ -292,7 +291,7 @@ class Udp final : public Endpoint {
   std::atomic<std::uint64_t> cookie_{0};   // the client's
   std::atomic<int> last_error_{0};
   std::array<unsigned char, crypto_shorthash_KEYBYTES> key_{};  // the server's
-  sockaddr_in from_{};                                          // whom the server answers
+  sockaddr_in from_{};                                          // where the server's answer goes
   std::uint64_t reply_cookie_ = 0;
   std::atomic<pid_t> listener_tid_{0};
   std::thread listener_;

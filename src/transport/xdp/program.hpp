@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The XDP program at the link: it hands a run's own frames to a socket, and all else on to the kernel.
+// The XDP program at the link: it passes the run's own frames to a socket, and all others to the kernel.
 #pragma once
 
 #include <cstdint>
@@ -8,10 +8,10 @@
 
 namespace ontime::transport::xdp {
 
-// Held by descriptors alone, so that the kernel takes it off however the process ends.
+// Only descriptors hold it, so the kernel removes it however the process ends.
 class Program {
  public:
-  // Throws Error for a program that is there already, which is left alone. Takes nothing.
+  // Throws Error if the link already has a program, which stays. Attaches nothing.
   static void refuse_another(const frames::Link& link);
   // Of frames of that topic that come to that queue, to be received by `socket`. Native where the driver can,
   // else generic. Throws Error: no permission, no XDP, a program that came meanwhile.

@@ -115,13 +115,13 @@ class Queue {
   }
 
   template <typename Take>
-  int receive(const frames::Alarm& alarm, const Take& take) noexcept {
+  int receive(const frames::Bell& bell, const Take& take) noexcept {
     std::uint32_t at = 0;
     while (xsk_ring_cons__peek(&received_, 1, &at) == 0) {
-      if (alarm.rung()) return 0;
+      if (bell.rung()) return 0;
       if (busy_)
         recvfrom(fd(), nullptr, 0, MSG_DONTWAIT, nullptr, nullptr);  // has the driver look for frames here
-      else if (const int error = alarm.wait(fd()); error != 0)
+      else if (const int error = bell.wait(fd()); error != 0)
         return error;
     }
     do {
@@ -129,7 +129,7 @@ class Queue {
       xsk_ring_cons__release(&received_, 1);
       take(memory_.at(frame.addr, frame.len));
       give_back(frame.addr - frame.addr % chunk_bytes);
-    } while (!alarm.rung() && xsk_ring_cons__peek(&received_, 1, &at) == 1);
+    } while (!bell.rung() && xsk_ring_cons__peek(&received_, 1, &at) == 1);
     return 0;
   }
 

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "process/process.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <cstddef>
+
+#include <signal.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace ontime::process {
+
+Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group group) {
+  std::vector<char*> words;
+  words.reserve(command.size() + 1);
+  for (auto& word : command) words.push_back(word.data());
+  words.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  for (int stream = 0; stream < 3; ++stream)
+    if (const int own = streams[static_cast<std::size_t>(stream)]; own != stream)
+      posix_spawn_file_actions_adddup2(&actions, own, stream);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  if (group == Group::own) posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  pid_t pid = -1;
+  const int error = posix_spawnp(&pid, words[0], &actions, &attributes, words.data(), environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return {pid, error};
+}
+
+bool has_ended(pid_t pid) {
+  siginfo_t info{};
+  return waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == pid;
+}
+
+int wait_for(pid_t pid) {
+  int status = -1;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) continue;
+  return status;
+}
+
+Memory::Memory() : fd_(memfd_create("ontime", MFD_CLOEXEC)) {}
+Memory::~Memory() { close(fd_); }
+
+bool Memory::hold(const std::string& text) {
+  return write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+         lseek(fd_, 0, SEEK_SET) == 0;
+}
+
+std::string Memory::text(off_t most) const {
+  std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd_, 0, SEEK_END), 0, most)), '\0');
+  const auto bytes = pread(fd_, all.data(), all.size(), 0);
+  all.resize(static_cast<std::size_t>(std::max<ssize_t>(bytes, 0)));
+  return all;
+}
+
+}  // namespace ontime::process

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is read from texts of users and of the kernel.
+#include <algorithm>
+#include <random>
+#include <set>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "realtime/privileges.hpp"
+#include "realtime/realtime.hpp"
+#include "realtime/state.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+using namespace std::string_literals;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+TEST(Words, PoliciesComeBack) {
+  for (const auto policy : {Policy::other, Policy::fifo, Policy::round_robin, Policy::deadline})
+    EXPECT_EQ(policy_of(word_of(policy)), policy);
+  for (const auto* word : {"", "FIFO", "fifo ", "sched_fifo", "batch"}) EXPECT_FALSE(policy_of(word)) << word;
+}
+
+TEST(Words, EverySetOfCpusComesBack) {
+  std::mt19937 random(1);
+  for (int round = 0; round < 500; ++round) {
+    std::set<int> cpus;
+    const int highest = std::uniform_int_distribution(0, round % 2 == 0 ? 12 : 1023)(random);
+    for (int i = 0; i <= highest; ++i) cpus.insert(std::uniform_int_distribution(0, highest)(random));
+    std::vector<int> shuffled(cpus.begin(), cpus.end());
+    std::shuffle(shuffled.begin(), shuffled.end(), random);
+    EXPECT_EQ(cpus_of(list_of(shuffled)), std::vector<int>(cpus.begin(), cpus.end())) << list_of(shuffled);
+  }
+}
+
+TEST(Words, ListsAreWrittenAsTheKernelDoes) {
+  EXPECT_EQ(list_of({3, 0, 1, 1}), "0-1,3");
+  EXPECT_EQ(list_of({}), "");
+  EXPECT_THAT(cpus_of("0-1,3").value(), ElementsAre(0, 1, 3));
+  EXPECT_THAT(cpus_of("1023").value(), ElementsAre(1023));
+}
+
+TEST(Words, InvalidListGivesNoCpus) {
+  for (const auto* list : {"",
+                           " ",
+                           ",",
+                           "0,",
+                           ",0",
+                           "-1",
+                           "1-",
+                           "-",
+                           "3-1",
+                           "0--1",
+                           "a",
+                           "0 1",
+                           "0, 1",
+                           "0x1",
+                           "1024",
+                           "0-1024",
+                           "0-99999999999",
+                           "+1",
+                           "1\n",
+                           "0-1-2",
+                           "0;1"})
+    EXPECT_FALSE(cpus_of(list)) << '"' << list << '"';
+}
+
+TEST(Words, RandomTextNeverCrashesAndWhatIsTakenIsInRange) {
+  std::mt19937 random(2);
+  const std::string alphabet = "0123456789-, \n+x";
+  for (int round = 0; round < 20000; ++round) {
+    std::string text;
+    for (int length = std::uniform_int_distribution(0, 8)(random); length > 0; --length)
+      text += alphabet[std::uniform_int_distribution<std::size_t>(0, alphabet.size() - 1)(random)];
+    if (const auto cpus = cpus_of(text)) {
+      EXPECT_THAT(*cpus, ::testing::Each(::testing::AllOf(::testing::Ge(0), ::testing::Le(1023)))) << text;
+      EXPECT_EQ(cpus_of(list_of(*cpus)), cpus);
+    }
+  }
+}
+
+TEST(Stat, NameMayHoldParenthesesAndSpaces) {
+  ThreadState state;
+  ASSERT_TRUE(parse_stat("7 (a) R 1 (b) S 1 7 7 0 -1 4194304 11 12 13 14 150 50 17 18 20 0 1 0 99 0", state));
+  EXPECT_EQ(state.minor_faults, 11u);
+  EXPECT_EQ(state.major_faults, 13u);
+}
+
+TEST(Stat, CutTextIsRefused) {
+  const std::string whole = "7 (a) S 1 7 7 0 -1 4194304 11 12 13";
+  ThreadState state;
+  ASSERT_TRUE(parse_stat(whole, state));
+  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
+    EXPECT_FALSE(parse_stat(whole.substr(0, length), state)) << length;
+}
+
+TEST(Capabilities, AreThoseInEffect) {
+  EXPECT_TRUE(has_capability("CapPrm:\t0\nCapEff:\t0000000000201000\n", 21));
+  EXPECT_TRUE(has_capability("CapEff:\t0000000000201000\n", 12));
+  EXPECT_FALSE(has_capability("CapEff:\t0000000000201000\n", 20));
+  EXPECT_FALSE(has_capability("CapPrm:\tffffffffffffffff\n", 1));
+  EXPECT_FALSE(has_capability("", 1));
+}
+
+TEST(Budget, BudgetIsThatOfTheNearestVisibleGroup) {
+  EXPECT_THAT(budget_files("4:memory:/a\n3:cpu,cpuacct:/c\n0::/d\n"),
+              testing::ElementsAre("/sys/fs/cgroup/cpu,cpuacct/c/cpu.rt_runtime_us",
+                                   "/sys/fs/cgroup/cpu,cpuacct//cpu.rt_runtime_us"));
+  EXPECT_THAT(budget_files("3:cpuset:/c\n0::/d\n"), testing::IsEmpty());
+}
+
+TEST(Service, ServiceIsFoundByItsControlGroup) {
+  EXPECT_EQ(service_of("0::/system.slice/robot.service\n"), "robot.service");
+  EXPECT_EQ(
+      service_of(
+          "4:cpu:/\n1:name=systemd:/system.slice/system-ontime\\x2dpong.slice/ontime-pong@arm.service\n"),
+      "ontime-pong@arm.service");
+  EXPECT_EQ(service_of("0::/system.slice/robot.service/part\n"), "robot.service");
+  EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/user@1000.service/app.slice/x.service\n"), "");
+  EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/session-3.scope\n"), "");
+  EXPECT_EQ(service_of("0::/system.slice/docker-1234.scope\n"), "");
+  EXPECT_EQ(service_of(""), "");
+}
+
+TEST(Service, UnitPermitsTheServiceButNotALogin) {
+  const auto* const group = "0::/system.slice/robot.service\n";
+  EXPECT_THAT(how_to_permit_service("INVOCATION_ID=1f\0HOME=/\0"s, group),
+              testing::AllOf(HasSubstr("systemctl edit 'robot.service'"),
+                             HasSubstr("\nLimitRTPRIO=98\nLimitMEMLOCK=infinity")));
+  EXPECT_THAT(how_to_permit_service("HOME=/\0INVOCATION_ID=1f\0"s, group, 99), HasSubstr("LimitRTPRIO=99"));
+  EXPECT_EQ(how_to_permit_service("HOME=/\0MY_INVOCATION_ID=1f\0"s, group), "");
+  EXPECT_EQ(how_to_permit_service("INVOCATION_ID=1f\0"s, "0::/user.slice/session-3.scope\n"), "");
+}
+
+}  // namespace
+}  // namespace ontime::realtime
