@@ -215,10 +215,9 @@ bool Judge::judge_period(Stream& stream, const Message& message) {
     was_set_.add(message.topic->name);
     return false;
   }
-  stream.period.add(gap);
   const bool is_late = limits_.is_gap(gap);
   if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
-  stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
+  listen::add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
   return is_late;
 }
 
