@@ -206,6 +206,29 @@ TEST_F(Bags, ClockThatWentBackTwiceHidesNoTopicThatDied) {
   EXPECT_NEAR(static_cast<double>(findings.flows.at(1).silent_ns), 25e9, 0.05e9);
 }
 
+TEST_F(Bags, LastMessageFarAheadOfAllOthersNamesItsTopic) {
+  for (const bool is_last_of_bag : {false, true}) {
+    std::string records = channel(1, 0, "/a") + channel(2, 0, "/b"),
+                ahead = message(2, {start + 3600'000 * ms});
+    for (int i = 0; i < 300; ++i) {
+      const auto at_ns = start + i * 10 * ms;
+      records += message(1, {at_ns});
+      if (i < 200) records += message(2, {at_ns});
+      if (i == 200 && !is_last_of_bag) records += ahead;
+    }
+    if (is_last_of_bag) records += ahead;
+    const auto findings = judged_mcap(mcap(records), {.deadline = 500ms, .period = {}, .age = {}});
+    EXPECT_NEAR(static_cast<double>(findings.flows.at(0).silent_ns), 3597e9, 1e9);
+    EXPECT_THAT(findings.remarks, testing::Contains(testing::AllOf(HasSubstr("/b"), HasSubstr("3597 s"))));
+  }
+}
+
+TEST_F(Bags, TopicThatGoesOnAloneIsNoMessageFarAhead) {
+  std::string records = channel(1, 0, "/a") + channel(2, 0, "/b") + message(1, {start});
+  for (int i = 0; i < 30; ++i) records += message(2, {start + i * 1000 * ms});
+  EXPECT_THAT(judged_mcap(mcap(records), {.deadline = 2s, .period = {}, .age = {}}).remarks, IsEmpty());
+}
+
 TEST_F(Bags, OneMessageThatComesLateMakesNoPause) {
   std::string records = channel(1, 0, "/a") + channel(2, 0, "/b") + channel(3, 0, "/rare");
   for (int i = 0; i < 300; ++i) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Of links that could carry nothing.
+// Links that were down, and packets without a route.
 #include "explain_fixture.hpp"
 
 namespace ontime::explain {
@@ -129,6 +129,53 @@ TEST_P(Links, ImpossibleLinkTimesInAFileAreIgnored) {
   down_["component"] = "down";
   samples_.erase(samples_.begin() + 50);
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+TEST_P(Links, AMessageForWhichThereWasNoRoute) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::no_route, asks);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "controller");
+  EXPECT_EQ(sentence_of(part), "the packet could not be sent at ping's side: no route");
+}
+
+TEST_P(Links, AnswerWithoutABackgroundIsUnreachable) {
+  sender_wakes_and_sends();
+  event(sent + 20 * us, 1, Kind::no_neighbour, answers);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.culprit, "no neighbour");
+}
+
+TEST_P(Links, SentMessageIgnoresForeignMissingRoute) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::no_route, asks);
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Links, AMessageWhoseBackgroundAnsweredIsNotUnreachable) {
+  event(sent + 5 * us, 0, Kind::no_neighbour, asks);
+  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth",
+        1);  // it ran when the background topic's answer came
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Links, NoRouteOfAnotherPingThreadIsIgnored) {
+  event(sent + 5 * us, 0, Kind::no_route, hears);
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Links, AnswerWithoutARouteAfterADelayIsUnreachable) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 5 * ms, 1, hog, "R", answers);
+  event(sent + 5 * ms + 20 * us, 1, Kind::no_route, answers);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "component");
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernel, Links, testing::Values(true, false), [](const auto& told) {

@@ -243,6 +243,29 @@ TEST_F(JudgedPair, SilenceThatAPauseEndsIsOneLatePeriod) {
   EXPECT_EQ(flow().late, 2U) << "the same";
 }
 
+TEST_F(JudgedPair, SilenceOfARetiredFlowHasARowToo) {
+  std::vector<Row> rows;
+  messages.keep_rows([&](const Row& row) { rows.push_back(row); });
+  get_acquainted();
+  const auto before = flow();
+  messages.end_process(2, at(10));
+  messages.retire_ended(at(10) + Messages::still_taken_ns);
+  messages.count_silence(before.id, at(10), 500'000'000);
+  EXPECT_EQ(flow().late, 1U);
+  EXPECT_EQ(rows.back().flow, before.id);
+  EXPECT_TRUE(rows.back().is_late);
+  EXPECT_EQ(rows.back().index, before.period.count());
+  EXPECT_EQ(rows.back().to_ns - rows.back().from_ns, 500'000'000);
+}
+
+TEST_F(JudgedPair, RetiredFlowHasEndedWhereItsProcessEndsLater) {
+  get_acquainted();
+  messages.name_topic(2, 0xb, "/scan");  // the endpoint's memory has another topic
+  EXPECT_FALSE(flow().has_ended);
+  messages.end_process(1, at(20));
+  EXPECT_TRUE(flow().has_ended);
+}
+
 TEST_F(JudgedPair, FlowHasEndedWhereOneOfItsProcessesHas) {
   get_acquainted();
   EXPECT_FALSE(flow().has_ended);

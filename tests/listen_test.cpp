@@ -314,21 +314,21 @@ TEST(RosName, OnlyTheTopicPrefixIsRemoved) {
 }
 
 TEST(LibraryFile, FileOfAnotherKindIsRefused) {
-  EXPECT_THROW(Library("/proc/self/maps"), Error);
-  EXPECT_THROW(Library("/nonexistent"), Error);
+  EXPECT_THROW(Library("/proc/self/maps", {}), Error);
+  EXPECT_THROW(Library("/nonexistent", {}), Error);
 }
 
 // Such as one of a process that has ended: its architecture is unknown then.
 TEST(LibraryFile, UnreadableFileIsRefusedWithTheReason) {
   try {
-    Library("/nonexistent");
+    Library("/nonexistent", {});
     FAIL();
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("No such file"));
   }
 }
 
-TEST(LibraryFile, MissingFunctionHasNoPlace) { EXPECT_FALSE(Library("/proc/self/exe").exit("rmw_publish")); }
+TEST(LibraryFile, MissingFunctionHasNoPlace) { EXPECT_FALSE(Library("/proc/self/exe", {"rmw_publish"}).exit("rmw_publish")); }
 
 }  // namespace
 }  // namespace ontime::listen

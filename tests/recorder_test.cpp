@@ -196,6 +196,28 @@ TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
   EXPECT_EQ(traces, 1u);
 }
 
+TEST_F(Recorder, ExaminedMessagesAreCountedByWhetherTheirCauseWasSeen) {
+  for (const bool keeps_worst : {false, true}) {
+    const auto path = path_ + (keeps_worst ? "worst" : "all");
+    record::Writer writer(path);
+    ListenResults results(writer, limits_, nlohmann::json::object(), true, keeps_worst);
+    auto unseen = miss(1, 70 * ms), not_examined = unseen;
+    unseen.why->is_seen = false;
+    not_examined.why.reset();
+    for (const auto& late : {miss(1, 70 * ms), miss(1, 70 * ms), unseen, not_examined}) {
+      period(results, 1, 70 * ms);
+      results.note(late);
+    }
+    listen::Findings findings;
+    findings.flows = {flow(1)};
+    results.end(findings, false);
+    const auto causes = record::Reader(path).runs().at(0).outcome.causes;
+    ASSERT_TRUE(causes);
+    EXPECT_EQ(causes->seen, 2u);
+    EXPECT_EQ(causes->not_seen, 1u);
+  }
+}
+
 // Nodes that start again and again: no entry stays, and each has the counts of its own time.
 TEST_F(Recorder, FlowThatIsGoneEndsItsRunAndLeavesItsName) {
   record::Writer writer(path_);

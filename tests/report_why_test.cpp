@@ -460,7 +460,20 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
   one.account.late = 8;
   one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
-  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 8 late messages; cause not seen: 3\n"));
+  const auto counts = [&] {
+    return nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("without_cause");
+  };
+  EXPECT_EQ(counts().at("unknown"), 3) << "the file does not tell";
+  one.run.outcome = nlohmann::json{{"causes", {{"seen", 6}, {"not_seen", 1}}}};
+  const auto text = render_explained({one}, Format::table);
+  EXPECT_THAT(text, HasSubstr("5 of 8 late messages"));
+  EXPECT_THAT(text, AllOf(HasSubstr("cause not seen: 1"), HasSubstr("no space"), HasSubstr("not examined")));
+  EXPECT_EQ(counts(),
+            nlohmann::json({{"not_seen", 1}, {"no_space", 1}, {"not_examined", 1}, {"unknown", 0}}));
+  one.notes.clear();
+  EXPECT_EQ(counts().at("no_space"), 6);
+  EXPECT_THAT(render_explained({one}, Format::table), Not(HasSubstr("only as root")));
+  one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
   one.account.late = 5;
   EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
 }

@@ -238,6 +238,14 @@ TEST(Keep, TheUnitSetsWhatTheRunItselfAsksOfTheKernelToo) {
   EXPECT_THAT(keep(run, {}, {}, "/usr/bin/env").units, IsEmpty()) << "nothing is to be changed";
 }
 
+TEST(Keep, IsolationOfTheRunIsNamedAsLeftOut) {
+  conditions::Run run;
+  EXPECT_EQ(keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env").left_out, "");
+  run.isolation.cpus = {1};
+  EXPECT_THAT(keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env").left_out, HasSubstr("isolation.*"));
+  EXPECT_EQ(keep(run, {}, {}, "/usr/bin/env").left_out, "") << "nothing is to be kept";
+}
+
 TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
   const auto kept =
       keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth3", ""}}}, "/usr/bin/env");

@@ -75,8 +75,8 @@ std::vector<record::Note> notes_of(const record::Reader& reader, const record::R
     std::erase_if(notes, [&](const auto& note) {
       return note.kind == record::cause_of_late && note.message == message;
     });
-    notes.push_back({record::cause_of_late, dated_line_of(*miss, run.asked.task.client.deadline),
-                     miss->course.taken_ns, message});
+    notes.push_back({miss->why->is_seen ? record::cause_of_late : record::cause_not_seen,
+                     dated_line_of(*miss, run.asked.task.client.deadline), miss->course.taken_ns, message});
   });
   std::ranges::stable_sort(notes, std::greater(), [&](const record::Note& note) {
     const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();

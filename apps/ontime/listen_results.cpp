@@ -201,6 +201,7 @@ void ListenResults::note(const listen::Miss& miss) {
   }
   const auto quantity = is_age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
+  if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
   if (!keeps_worst_) {
     if (cause && kept.notes.size() < most_notes) kept.notes.push_back(*cause);
     return;
@@ -273,6 +274,8 @@ json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   json outcome{{"loss_unknown", !is_age || !kept.counted.lost}};
   if (is_age)
     outcome.update({{"duplicates", kept.counted.duplicated}, {"reordered", kept.counted.reordered}});
+  if (const auto& [seen, not_seen] = kept.causes; seen + not_seen > 0)
+    outcome["causes"] = {{"seen", seen}, {"not_seen", not_seen}};
   // Losses without rows: too many in a row, or too close to the end.
   const auto lost = is_age ? static_cast<std::int64_t>(kept.counted.lost.value_or(0)) : 0;
   const auto missing = std::max<std::int64_t>(lost - kept.lost, 0);

@@ -70,6 +70,7 @@ class ListenResults {
     std::vector<record::Note> notes;        // until it begins
     std::optional<roundtrip::Sample> last;  // by index
     std::int64_t late = 0, lost = 0;        // rows
+    record::Causes causes;                  // of examined late messages
   };
   void add(Kept&, const roundtrip::Sample&, bool was_lost = false);
   void note_not_judged(const Kept&);

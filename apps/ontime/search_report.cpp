@@ -119,6 +119,7 @@ std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept&
                          fmt::format("{}\n{}\n", unit.command, unit.why_not));
   }
   if (!kept.fill_in.empty()) parts.emplace_back("To fill in", kept.fill_in + "\n");
+  if (!kept.left_out.empty()) parts.emplace_back("Not set at boot", kept.left_out + "\n");
   return parts;
 }
 
@@ -291,7 +292,11 @@ ordered_json json_of(const SearchReport& report) {
   for (const auto& unit : kept.units)
     units.push_back(
         {{"host", unit.host}, {"command", unit.command}, {"systemd", unit.text}, {"why_not", unit.why_not}});
-  all["keep"] = {{"run", kept.run}, {"scenario", kept.scenario}, {"units", units}, {"fill_in", kept.fill_in}};
+  all["keep"] = {{"run", kept.run},
+                 {"scenario", kept.scenario},
+                 {"units", units},
+                 {"fill_in", kept.fill_in},
+                 {"left_out", kept.left_out}};
   auto& contributions = all["contributions"] = ordered_json::array();
   for (const auto& one : outcome.contributions) {
     auto less = ordered_json::array();

@@ -63,20 +63,13 @@ constexpr std::array<std::string_view, 50> with_header{
 };
 static_assert(std::is_sorted(with_header.begin(), with_header.end()));
 
-constexpr const char* blanks = " \t\r";
-
 // The type of a line of a .msg file; empty: it declares no field.
-std::string_view type_in(std::string_view line) {
-  line = line.substr(0, line.find('#'));
-  line.remove_prefix(std::min(line.find_first_not_of(blanks), line.size()));
-  const auto type = line.substr(0, line.find_first_of(blanks));
-  line.remove_prefix(type.size());
-  line.remove_prefix(std::min(line.find_first_not_of(blanks), line.size()));
-  const auto name = line.substr(0, line.find_first_of(" \t\r="));
-  line.remove_prefix(name.size());
-  line.remove_prefix(std::min(line.find_first_not_of(blanks), line.size()));
-  const bool is_constant = line.starts_with('=');
-  return is_constant || name.empty() ? std::string_view() : type;
+std::string type_in(const std::string& line) {
+  std::istringstream words(line.substr(0, line.find('#')));
+  std::string type, name, next;
+  words >> type >> name >> next;
+  const bool is_constant = name.find('=') != name.npos || next.starts_with('=');
+  return is_constant || name.empty() ? "" : type;
 }
 
 // Other types that it uses come after the first definition, each behind a line of "=".

@@ -77,7 +77,7 @@ void Judge::add(const Message& message) {
   stream->late += came_late || was_old ? 1 : 0;
   ++stream->messages;
   ++stream->since_back;
-  stream->last_ns = at_ns(message);
+  stream->before_last_ns = std::exchange(stream->last_ns, at_ns(message));
   stream->times_set = times_set_;
 }
 
@@ -215,10 +215,9 @@ bool Judge::judge_period(Stream& stream, const Message& message) {
     was_set_.add(message.topic->name);
     return false;
   }
-  stream.period.add(gap);
   const bool is_late = limits_.is_gap(gap);
   if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
-  stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
+  listen::add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
   return is_late;
 }
 
@@ -298,6 +297,22 @@ listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
           .late = stream.late};
 }
 
+// All topics but one count as silent until its last message. Empty: it is not far from the others, or not
+// alone.
+std::string Judge::remark_on_message_ahead() const {
+  const auto latest =
+      std::ranges::max_element(streams_, {}, [](const auto& one) { return one.second.last_ns; });
+  if (latest == streams_.end()) return "";
+  const auto others_ns = latest_of_others(&latest->second);
+  if (!others_ns || latest->second.last_ns - *others_ns <= long_pause_ns ||
+      latest->second.before_last_ns > *others_ns + set_back_ns)
+    return "";
+  return fmt::format(
+      "the last message of {} is {:.0f} s later than all other topics: these count as silent for that time. "
+      "Check the time of that message",
+      latest->first.first, static_cast<double>(latest->second.last_ns - *others_ns) / 1e9);
+}
+
 listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
@@ -324,6 +339,8 @@ listen::Findings Judge::findings() const {
                     "forward, or nothing was sent. These gaps count",
                     static_cast<double>(longest_pause_ns_) / 1e9,
                     pauses_ == 1 ? "" : fmt::format(", and {} more times for 10 s or longer", pauses_ - 1)));
+  if (auto ahead = remark_on_message_ahead(); !ahead.empty() && limits_.is_gap(INT64_MAX))
+    findings.remarks.push_back(std::move(ahead));
   if (mixed_.messages > 0)
     findings.remarks.push_back(fmt::format(
         "sequence numbers of several writers are mixed in {}{}: losses there are unknown", mixed_.topic,

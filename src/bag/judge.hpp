@@ -40,6 +40,7 @@ class Judge {
     std::uint64_t id = 0;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
+    std::int64_t before_last_ns = 0;         // of the message before the last; 0: no such message
     std::uint64_t times_set = 0;             // until its last message
     std::uint64_t since_back = 0;            // messages since its times went back
     std::int64_t latest_written_ns = 0;      // by stamp or publish time
@@ -78,6 +79,7 @@ class Judge {
   std::optional<std::int64_t> age_of(Stream&, const Message&);
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
   static listen::Flow flow_of(const Key&, const Stream&);
+  std::string remark_on_message_ahead() const;
 
   // The numbers of all messages of the file that is read.
   struct File {

@@ -211,15 +211,17 @@ class Follower {
   }
 
   // Whether the CPU ran, apart from its work on leaving idle.
-  bool lived(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
-    return timeline_.lives(cpu, from_ns + at_once_ns, to_ns - slow_to_wake_ns);
+  bool ran_at_all(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
+    from_ns += at_once_ns;
+    to_ns -= slow_to_wake_ns;
+    return timeline_.silence_ns(cpu, from_ns, to_ns) < to_ns - from_ns;
   }
 
   void waited_for_idle(const Stretch& stretch, const Held& held) {
     const auto* const idled = timeline_.last_switch(stretch.cpu, held.from_ns);
     const bool is_put_off = idled != nullptr && idled->other.id == 0 && idled->thread.id != 0 &&
                             idled->what == "R";  // a thread that was ready itself
-    const bool is_kept = is_put_off || lived(stretch.cpu, stretch.from_ns, stretch.to_ns);
+    const bool is_kept = is_put_off || ran_at_all(stretch.cpu, stretch.from_ns, stretch.to_ns);
     add(is_kept ? Cause::throttled : Cause::idle_cpu, {held.from_ns, held.to_ns, State::ready, stretch.cpu});
   }
 
@@ -232,7 +234,7 @@ class Follower {
     }
     auto part = whose_;
     part.cause = why_behind(cpu, held, passed_over_ns, outranked);
-    const bool ran = part.cause == Cause::not_preempted && lived(cpu, held.from_ns, held.to_ns);
+    const bool ran = part.cause == Cause::not_preempted && ran_at_all(cpu, held.from_ns, held.to_ns);
     if (part.cause == Cause::cpu || ran) {
       part.culprit = held.thread.name.empty() ? timeline_.name_of(held.thread.id) : held.thread.name;
       part.culprit_threads = {held.thread.id};

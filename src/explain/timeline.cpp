@@ -221,12 +221,6 @@ bool Timeline::thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns)
   });
 }
 
-bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
-  return std::ranges::any_of(events_, [&](const Event& event) {
-    return event.cpu == cpu && event.at_ns > from_ns && event.at_ns < to_ns;
-  });
-}
-
 std::int64_t Timeline::silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   std::int64_t longest_ns = 0;
   auto since_ns = from_ns;

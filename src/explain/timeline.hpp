@@ -65,8 +65,7 @@ class Timeline {
   bool thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const;
   // The last switch on that CPU before that time; nullptr: none, or not traced.
   const trace::Event* last_switch(int cpu, std::int64_t at_ns) const;
-  bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
-  // The longest time within which nothing happened on it.
+  // The longest time within which nothing happened on it: all of that time, or less.
   std::int64_t silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::int64_t tick_ns() const { return tick_ns_; }  // the clock of a CPU that is busy interrupts it so often
   bool sees_timers() const { return sees_timers_; }  // its timers' interrupts are among the events

@@ -9,13 +9,8 @@
 #include "machine/proc.hpp"
 
 namespace ontime::fitness {
-namespace {
 
 namespace fs = std::filesystem;
-
-constexpr const char* white = " \t\n\r";
-
-}  // namespace
 
 std::optional<std::string> Look::text(const std::string& path) const {
   const auto all = machine::text_of(at(path));
@@ -25,21 +20,6 @@ std::optional<std::string> Look::text(const std::string& path) const {
 
 std::optional<std::int64_t> Look::number(const std::string& path) const {
   return machine::number(text(path));
-}
-
-std::optional<std::string> Look::field(const std::string& path, const std::string& key) const {
-  std::istringstream lines(text(path).value_or(""));
-  for (std::string line; std::getline(lines, line);) {
-    if (!line.starts_with(key) || line.size() == key.size()) continue;
-    auto rest = line.substr(key.size());
-    const auto first = rest.find_first_not_of(white);
-    if (first != rest.npos && rest[first] == ':')
-      rest.erase(0, first + 1);
-    else if (first == 0)
-      continue;  // the beginning of another key
-    return machine::word(rest).value_or("");
-  }
-  return {};
 }
 
 std::vector<std::string> Look::names(const std::string& folder) const {

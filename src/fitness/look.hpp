@@ -19,8 +19,6 @@ class Look {
   // Without leading and trailing white space; nullopt if it cannot be read.
   std::optional<std::string> text(const std::string& path) const;
   std::optional<std::int64_t> number(const std::string& path) const;
-  // The text after "key:" or "key   ", as in /proc/self/status and /proc/self/limits.
-  std::optional<std::string> field(const std::string& path, const std::string& key) const;
   std::vector<std::string> names(const std::string& folder) const;  // in order
   bool exists(const std::string& path) const;
   std::string canonical(const std::string& path) const;  // without the root; "" if it is not there

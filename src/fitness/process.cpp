@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The limits of the caller's programs: priorities and locked memory.
 #include <charconv>
+#include <sstream>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <linux/capability.h>
@@ -29,8 +31,13 @@ bool capable(const Look& look, int capability) {
 
 // The soft limit, which is the first of the columns.
 std::string limit(const Look& look, const char* name) {
-  const auto columns = look.field("/proc/self/limits", name).value_or("");
-  return columns.substr(0, columns.find(' '));
+  const auto limits = look.text("/proc/self/limits").value_or("");
+  const auto row = limits.find(name);
+  if (row == limits.npos) return "";
+  std::istringstream columns(limits.substr(row + std::string_view(name).size()));
+  std::string soft;
+  columns >> soft;
+  return soft;
 }
 
 }  // namespace

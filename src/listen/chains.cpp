@@ -207,30 +207,29 @@ void ChainFollower::arrive(const Journey& journey) {
     found_.forgotten_late += is_late ? 1 : 0;
     return;
   }
-  auto& found = path->found;
-  found.last_ns = to_ns;
+  path->last_ns = to_ns;
   if (verdict == Probing::Verdict::not_judged) {
-    ++found.not_judged;
+    ++path->not_judged;
     return;
   }
-  for (std::size_t part = 0; part < found.parts.size(); ++part)
-    found.parts[part].add(journey.at_ns[part + 1] - journey.at_ns[part]);
-  found.age.add(to_ns - from_ns);
-  found.late += is_late ? 1 : 0;
-  if (keep_row_) keep_row_({found.id, Row::Quantity::age, path->rows++, from_ns, to_ns, is_late});
+  for (std::size_t part = 0; part < path->parts.size(); ++part)
+    path->parts[part].add(journey.at_ns[part + 1] - journey.at_ns[part]);
+  if (keep_row_) keep_row_({path->id, Row::Quantity::age, path->age.count(), from_ns, to_ns, is_late});
+  path->age.add(to_ns - from_ns);
+  path->late += is_late ? 1 : 0;
 }
 
 // nullptr: most_paths are in use.
-ChainFollower::Path* ChainFollower::path_of(const Journey& journey) {
+ChainPath* ChainFollower::path_of(const Journey& journey) {
   const std::vector<std::uint32_t> processes(
       journey.processes.begin(),
       journey.processes.begin() + static_cast<std::ptrdiff_t>(wish_.steps.size() + 1));
   if (const auto known = paths_.find(processes); known != paths_.end()) return &known->second;
   if (!make_room_for_path()) return nullptr;
   auto& path = paths_[processes];
-  path.found.id = next_id_++;
-  for (const auto process : processes) path.found.parties.push_back(party_of_(process));
-  path.found.parts.resize(last_stage());
+  path.id = next_id_++;
+  for (const auto process : processes) path.parties.push_back(party_of_(process));
+  path.parts.resize(last_stage());
   return &path;
 }
 
@@ -246,9 +245,9 @@ bool ChainFollower::make_room_for_path() {
     return true;
   }
   const auto oldest =
-      std::ranges::min_element(paths_, {}, [](const auto& one) { return one.second.found.last_ns; });
-  if (now_ns_ - oldest->second.found.last_ns < idle_ns) return false;
-  forget(oldest->second.found);
+      std::ranges::min_element(paths_, {}, [](const auto& one) { return one.second.last_ns; });
+  if (now_ns_ - oldest->second.last_ns < idle_ns) return false;
+  forget(oldest->second);
   paths_.erase(oldest);
   return true;
 }
@@ -286,7 +285,7 @@ void ChainFollower::retire(std::uint32_t process) {
   for (auto& processes : publishing_) processes.erase(process);
   std::erase_if(paths_, [&](auto& one) {
     if (!has_it(one.first)) return false;
-    ended_paths_.push_back(one.second.found);
+    ended_paths_.push_back(one.second);
     return true;
   });
 }
@@ -321,7 +320,7 @@ std::int64_t ChainFollower::silent_ns() const {
 Chain ChainFollower::findings() const {
   auto chain = found_;
   chain.paths = ended_paths_;
-  for (const auto& [processes, path] : paths_) chain.paths.push_back(path.found);
+  for (const auto& [processes, path] : paths_) chain.paths.push_back(path);
   chain.ended = ended();
   chain.silent_ns = silent_ns();
   return chain;

@@ -89,10 +89,6 @@ class ChainFollower {
     Stage stage = 0;
     bool is_unclear = false;  // which way it went on is not known
   };
-  struct Path {
-    ChainPath found;
-    std::uint64_t rows = 0;
-  };
   using Ended = std::vector<std::uint64_t>;
 
   std::optional<std::size_t> position_of(const std::string& topic) const;
@@ -110,7 +106,7 @@ class ChainFollower {
   void end_call(std::uint32_t thread, std::int64_t at_ns);
   void reach(const Journey&, std::size_t stage);
   void arrive(const Journey&);
-  Path* path_of(const Journey&);
+  ChainPath* path_of(const Journey&);
   bool make_room_for_path();
   void forget_under_way();
   // Its end is known, and ontime's probes did not delay its take until the next message was taken.
@@ -133,7 +129,7 @@ class ChainFollower {
   std::uint64_t first_origin_ = 0;  // number of the first of them
   Stage furthest_ = 0;              // that one before them has reached, since nothing was unknown
   Chain found_;                     // but for `ended`, of those that are in origins_
-  std::map<std::vector<std::uint32_t>, Path> paths_;  // by processes
+  std::map<std::vector<std::uint32_t>, ChainPath> paths_;  // by processes
   std::vector<ChainPath> ended_paths_;
   std::uint64_t next_id_;
   std::int64_t now_ns_ = 0;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <chrono>
-#include <fstream>
 #include <string>
 
 #include <fmt/format.h>
@@ -9,6 +8,7 @@
 #include "listen/listen.hpp"
 #include "listen/processes.hpp"
 #include "listen/why.hpp"
+#include "machine/proc.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -18,16 +18,10 @@ constexpr std::int64_t least_before_ns = 100'000'000;
 constexpr std::size_t most_kept = 10'000;  // events of a window, some 130 bytes each in a file
 
 Party owner_of(std::int32_t thread) {
-  Party owner;
-  if (thread <= 0) return owner;
-  std::ifstream status(fmt::format("/proc/{}/status", thread));
-  constexpr std::string_view word = "Tgid:";
-  for (std::string line; std::getline(status, line);)
-    if (line.starts_with(word))
-      owner.process = static_cast<std::uint32_t>(std::strtoul(line.c_str() + word.size(), nullptr, 10));
-  if (owner.process == 0) return owner;
-  owner.name = process_name(owner.process);
-  return owner;
+  const auto status = machine::text_of(fmt::format("/proc/{}/status", thread)).value_or("");
+  const auto process =
+      static_cast<std::uint32_t>(machine::number(machine::field(status, "Tgid")).value_or(0));
+  return process == 0 ? Party{} : Party{process, process_name(process)};
 }
 
 }  // namespace

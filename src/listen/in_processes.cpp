@@ -290,8 +290,9 @@ class InProcesses final : public Sensor {
     auto& own = of_process_[process.id];
     own.library = library;
     probe(process, library, cyclonedds_wishes(*probes_));
+    const std::string get_name = "dds_get_name";
     try {
-      own.offset_of_name = offset_of_topic_name(Library(library.path).code("dds_get_name"));
+      own.offset_of_name = offset_of_topic_name(Library(library.path, {get_name}).code(get_name));
       if (!own.offset_of_name) remark_unnamed(process.id, library);
     } catch (const Error&) {  // reported where probes are set
     }
@@ -323,7 +324,9 @@ class InProcesses final : public Sensor {
     std::int64_t from_ns = 0;  // the first was set
     bool is_set = true;
     try {
-      const Library library(mapping.path);
+      Library::Names functions;
+      for (const auto& wish : wishes) functions.insert({wish.function, wish.returns_by});
+      const Library library(mapping.path, functions);
       const auto attach = [&](const std::string& function, bpf_program* program, const Place& place,
                               bool on_return, std::uint64_t cookie) {
         if (from_ns == 0) from_ns = now_ns();

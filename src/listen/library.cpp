@@ -17,8 +17,7 @@ namespace ontime::listen {
 namespace {
 
 // A process may map any file under the name of a middleware.
-constexpr std::size_t most_code_bytes = 64 << 10, most_bytes_of_all = 4 << 20;
-constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
+constexpr std::size_t most_code_bytes = 64 << 10, most_symbols = 1 << 20;
 constexpr std::uint64_t most_section_bytes = 64 << 20;
 constexpr std::size_t longest_instruction = 15;
 
@@ -34,31 +33,6 @@ std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
       return address - segment.p_vaddr + segment.p_offset;
   }
   return {};
-}
-
-// Of eprosima::fastdds::dds.
-bool is_wanted_of_fastdds(std::string_view name) {
-  for (const std::string_view scope : {"_ZN8eprosima7fastdds3dds", "_ZNK8eprosima7fastdds3dds"}) {
-    if (!name.starts_with(scope)) continue;
-    name.remove_prefix(scope.size());
-    return std::ranges::any_of(
-        std::initializer_list<std::string_view>{
-            "10DataWriter9get_topicE", "14DataWriterImpl9get_topicE", "14DataWriterImpl5writeE",
-            "14DataWriterImpl17write_w_timestampE", "14DataReaderImpl20get_topicdescriptionE",
-            "14DataReaderImpl4takeE", "14DataReaderImpl13take_instanceE",
-            "14DataReaderImpl18take_next_instanceE", "14DataReaderImpl12read_or_takeE",
-            "14DataReaderImpl16take_next_sampleE", "14DataReaderImpl16read_next_sampleE",
-            "10DataReader23wait_for_unread_messageE", "7WaitSet4waitE"},
-        [&](std::string_view function) { return name.starts_with(function); });
-  }
-  return false;
-}
-
-bool is_wanted(std::string_view name) {
-  return is_wanted_of_fastdds(name) || name.starts_with("rmw_publish") || name.starts_with("rmw_take") ||
-         name.starts_with("dds_take") || name.starts_with("dds_write") || name == "dds_handle_unpin" ||
-         name == "dds_get_name" || name == "rmw_wait" || name == "dds_waitset_wait" ||
-         name == "rcl_timer_call";
 }
 
 std::vector<std::uint8_t> bytes_at(int fd, std::uint64_t offset, std::size_t size) {
@@ -82,7 +56,7 @@ OpenFile::~OpenFile() {
   if (fd >= 0) close(fd);
 }
 
-Library::Library(const std::string& path) {
+Library::Library(const std::string& path, const Names& functions) {
   const OpenFile file(path, O_RDONLY | O_NONBLOCK);
   if (file.fd < 0) throw Error(fmt::format("cannot be read: {}", std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
@@ -90,7 +64,6 @@ Library::Library(const std::string& path) {
   GElf_Ehdr header;
   if (!elf || gelf_getehdr(elf.get(), &header) == nullptr || header.e_machine != machine)
     throw Error("not a library of this machine's architecture");
-  std::size_t bytes_of_all = 0;
   for (Elf_Scn* section = nullptr; (section = elf_nextscn(elf.get(), section)) != nullptr;) {
     GElf_Shdr shape;
     if (gelf_getshdr(section, &shape) == nullptr || shape.sh_type != SHT_DYNSYM || shape.sh_entsize == 0 ||
@@ -102,35 +75,31 @@ Library::Library(const std::string& path) {
       continue;
     Elf_Data* const data = elf_getdata(section, nullptr);
     const auto count = std::min<std::uint64_t>(shape.sh_size / shape.sh_entsize, most_symbols);
-    for (std::size_t i = 0; data != nullptr && i < count && functions_.size() < most_functions; ++i) {
+    for (std::size_t i = 0; data != nullptr && i < count; ++i) {
       GElf_Sym symbol;
       if (gelf_getsym(data, static_cast<int>(i), &symbol) == nullptr) break;
       if (GELF_ST_TYPE(symbol.st_info) != STT_FUNC || symbol.st_shndx == SHN_UNDEF) continue;
       const char* const name = elf_strptr(elf.get(), shape.sh_link, symbol.st_name);
+      if (name == nullptr || !functions.contains(name) || functions_.contains(name)) continue;
       const auto offset = offset_of(elf.get(), symbol.st_value);
-      if (name == nullptr || !is_wanted(name) || !offset) continue;
-      const auto size = std::min<std::size_t>(symbol.st_size, most_code_bytes);
-      if (bytes_of_all + size > most_bytes_of_all) break;
-      bytes_of_all += size;
-      Function function;
-      function.name = name;
+      if (!offset) continue;
+      auto& function = functions_[name];
       function.address = symbol.st_value;
       function.offset = *offset;
-      function.bytes = bytes_at(file.fd, *offset, size);
+      function.bytes = bytes_at(file.fd, *offset, std::min<std::size_t>(symbol.st_size, most_code_bytes));
       function.is_whole = function.bytes.size() == symbol.st_size;
       if (const auto callee = exit_of(function.code()).callee)
         if (const auto at = offset_of(elf.get(), *callee))
           if (begins_cheaply({bytes_at(file.fd, *at, longest_instruction), *callee, false}))
             function.cheap_callee = *at;
-      functions_.push_back(std::move(function));
     }
     break;  // a library has one such table
   }
 }
 
 const Library::Function* Library::find(const std::string& function) const {
-  const auto found = std::ranges::find(functions_, function, &Function::name);
-  return found == functions_.end() ? nullptr : &*found;
+  const auto found = functions_.find(function);
+  return found == functions_.end() ? nullptr : &found->second;
 }
 
 std::optional<Place> Library::entry(const std::string& function,

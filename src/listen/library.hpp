@@ -3,7 +3,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -30,8 +33,10 @@ struct Place {
 
 class Library {
  public:
-  // Reads the file's symbols; throws Error when it is not a 64-bit ELF file of this machine's architecture.
-  explicit Library(const std::string& path);
+  using Names = std::set<std::string, std::less<>>;
+  // Reads these functions, as far as the library exports them. Throws Error when it is not a 64-bit ELF file
+  // of this machine's architecture.
+  Library(const std::string& path, const Names& functions);
 
   // Of a function: a place for a probe on its calls, and one for a probe on its return (code.hpp). Empty: the
   // library does not export the function.
@@ -42,7 +47,6 @@ class Library {
 
  private:
   struct Function {
-    std::string name;
     std::uint64_t address = 0, offset = 0;
     std::vector<std::uint8_t> bytes;
     bool is_whole = false;           // these are all of it
@@ -50,7 +54,7 @@ class Library {
     Code code() const { return {bytes, address, is_whole}; }
   };
   const Function* find(const std::string& function) const;
-  std::vector<Function> functions_;  // only those that a sensor may probe
+  std::map<std::string, Function> functions_;
 };
 
 }  // namespace ontime::listen

@@ -35,6 +35,12 @@ void Messages::begin_process(std::uint32_t process, const std::string& name) {
   processes_[process] = name;
 }
 
+void Messages::end_process(std::uint32_t process, std::int64_t at_ns) {
+  ended_at_.try_emplace(process, at_ns);
+  for (auto& flow : ended_)  // its endpoint may have been replaced before
+    if (flow.writer.process == process || flow.reader.process == process) flow.has_ended = true;
+}
+
 void Messages::retire_ended(std::int64_t now_ns) {
   std::erase_if(ended_at_, [&](const auto& one) {
     const bool is_long_ago = now_ns - one.second >= still_taken_ns;
@@ -132,20 +138,13 @@ void Messages::interrupt(std::int64_t until_ns) {
 void Messages::count_silence(std::uint64_t flow, std::int64_t from_ns, std::int64_t ns) {
   if (!silent_.insert(flow).second) return;
   const auto count = [&](auto& one) {
-    one.period.add(ns);
+    if (one.id != flow) return;
+    add_period(one.period, keep_row_, flow, from_ns, from_ns + ns, true);
     ++one.late;
   };
-  const auto count_in = [&](auto& all) {
-    for (auto& [key, one] : all) {
-      if (one.id != flow) continue;
-      count(one);
-      one.rows.period(keep_row_, flow, from_ns, from_ns + ns, true);
-    }
-  };
-  count_in(links_);
-  count_in(publishers_);
-  for (auto& one : ended_)
-    if (one.id == flow) count(one);
+  for (auto& [key, link] : links_) count(link);
+  for (auto& [key, publisher] : publishers_) count(publisher);
+  for (auto& one : ended_) count(one);
 }
 
 void Messages::begin_anew() {
@@ -196,9 +195,8 @@ void Messages::published(const Observation& seen) {
       publisher.not_judged += judges_gaps_ ? 1 : 0;
     } else {
       const bool is_late = verdict == Verdict::late;
-      publisher.period.add(seen.at_ns - publisher.last_ns);
       if (is_late) ++publisher.late;
-      publisher.rows.period(keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
+      add_period(publisher.period, keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
     }
   }
   publisher.is_broken = false;
@@ -247,13 +245,10 @@ void Messages::taken(const Observation& seen) {
   auto of_gap = Verdict::on_time, of_age = Verdict::on_time;
   bool is_new = false;
   if (!link.is_broken) {
-    const auto gap = seen.at_ns - link.last_ns;
     of_gap = judge_gap(link.last_ns, seen.at_ns);
-    if (of_gap != Verdict::not_judged) {
-      link.period.add(gap);
-      if (of_gap == Verdict::late) miss(Miss::Kind::gap, gap, link, seen, number);
-      link.rows.period(keep_row_, link.id, link.last_ns, seen.at_ns, of_gap == Verdict::late);
-    }
+    if (of_gap != Verdict::not_judged)
+      add_period(link.period, keep_row_, link.id, link.last_ns, seen.at_ns, of_gap == Verdict::late);
+    if (of_gap == Verdict::late) miss(Miss::Kind::gap, seen.at_ns - link.last_ns, link, seen, number);
   }
   if (link.publisher && seen.stamp_ns != 0) {
     // Stamp and take use the same clock: the age is exact.

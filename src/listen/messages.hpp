@@ -55,7 +55,7 @@ class Messages {
   Messages& operator=(const Messages&) = delete;
 
   void begin_process(std::uint32_t process, const std::string& name);
-  void end_process(std::uint32_t process, std::int64_t at_ns) { ended_at_.try_emplace(process, at_ns); }
+  void end_process(std::uint32_t process, std::int64_t at_ns);
   // Of processes that ended long before, only the flows stay.
   void retire_ended(std::int64_t now_ns);
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
@@ -105,7 +105,6 @@ class Messages {
     bool has_reader = false;  // a reader was recognized; its flow includes this publisher
     Distribution period;
     std::uint64_t late = 0, not_judged = 0;
-    Rows rows;
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
     std::uint64_t oldest() const { return count > remembered ? count - remembered : 0; }  // that is known

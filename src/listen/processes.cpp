@@ -15,6 +15,8 @@
 #include <sys/stat.h>
 #include <sys/vfs.h>
 
+#include "machine/proc.hpp"
+
 namespace ontime::listen {
 namespace {
 
@@ -69,10 +71,7 @@ std::uint64_t start_of(std::uint32_t process) {
 }  // namespace
 
 std::string process_name(std::uint32_t process) {
-  std::ifstream in(fmt::format("/proc/{}/comm", process));
-  std::string name;
-  std::getline(in, name);
-  return name;
+  return machine::word(machine::text_of(fmt::format("/proc/{}/comm", process))).value_or("");
 }
 
 std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process) {

@@ -36,13 +36,16 @@ class Origin {
   std::int64_t ns_ = 0;
 };
 
+// Counts a period, and keeps its row.
+inline void add_period(Distribution& periods, const KeepRow& keep, std::uint64_t flow, std::int64_t from_ns,
+                       std::int64_t to_ns, bool is_late) {
+  if (keep) keep({flow, Row::Quantity::period, periods.count(), from_ns, to_ns, is_late});
+  periods.add(to_ns - from_ns);
+}
+
+// Numbers the ages of a flow.
 class Rows {
  public:
-  void period(const KeepRow& keep, std::uint64_t flow, std::int64_t from_ns, std::int64_t to_ns,
-              bool is_late) {
-    if (keep) keep({flow, Row::Quantity::period, periods_++, from_ns, to_ns, is_late});
-  }
-
   // Adds the writer's message of this number. Numbers between it and the last one are lost: lost_at() gives
   // the time of publish, or 0: not lost. A message that is not judged has no row.
   template <class LostAt>
@@ -85,7 +88,7 @@ class Rows {
     keep({.flow = flow, .quantity = Row::Quantity::age, .index = index, .from_ns = at_ns});
   }
 
-  std::uint64_t periods_ = 0, next_ = 0;        // indices
+  std::uint64_t next_ = 0;                      // index
   std::uint64_t first_number_ = 0, first_ = 0;  // a number and its index
   bool is_broken_ = true;
   std::bitset<Sequence::window> lost_;  // indices below next_ with a row of a loss, by index modulo window

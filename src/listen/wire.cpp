@@ -134,12 +134,9 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
   bool is_late = false;
   if (!stream.is_broken) {
     const auto gap = at_ns - stream.last_ns;
-    stream.period.add(gap);
-    if (limits_.is_gap(gap)) {
-      is_late = true;
-      miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
-    }
-    stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns, is_late);
+    is_late = limits_.is_gap(gap);
+    add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns, is_late);
+    if (is_late) miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
   }
   if (stream.is_one_host && data.stamp_ns) {
     const auto age = at_ns - *data.stamp_ns;

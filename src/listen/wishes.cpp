@@ -61,12 +61,14 @@ std::optional<Wishes> fastdds_wishes(const probes_bpf& probes, const std::string
   std::uint64_t of_writer = ontime_cookie_is_below_rmw, of_reader = of_writer;
   bool knows_topics = true;
   try {
-    const Library library(path);
-    if (!library.entry(writer + "5writeEPv", {})) return {};
-    const auto entity = offset_of_member(library.code("_ZNK" + scope + "10DataWriter9get_topicEv")),
-               written = offset_of_member(library.code("_ZNK" + scope + "14DataWriterImpl9get_topicEv")),
-               read = offset_of_member(
-                   library.code("_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv"));
+    const auto write = writer + "5writeEPv", topic_of_entity = "_ZNK" + scope + "10DataWriter9get_topicEv",
+               topic_of_writer = "_ZNK" + scope + "14DataWriterImpl9get_topicEv",
+               topic_of_reader = "_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv";
+    const Library library(path, {write, topic_of_entity, topic_of_writer, topic_of_reader});
+    if (!library.entry(write, {})) return {};
+    const auto entity = offset_of_member(library.code(topic_of_entity)),
+               written = offset_of_member(library.code(topic_of_writer)),
+               read = offset_of_member(library.code(topic_of_reader));
     knows_topics = entity && written && read;
     if (knows_topics) {
       const auto way = [](std::uint64_t topic, std::uint64_t name) {

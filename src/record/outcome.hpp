@@ -270,6 +270,14 @@ struct Counts {
   }
 };
 
+// Of a robot's own messages: late ones that `ontime listen` examined. A file may have no space for all
+// causes.
+struct Causes {
+  std::uint64_t seen = 0, not_seen = 0;
+
+  static void fields(auto& of, auto&& field) { each(field, "seen", of.seen, "not_seen", of.not_seen); }
+};
+
 struct Outcome {
   Outcome() = default;
   Outcome(nlohmann::json);  // what a record has; implicit, for that is what an outcome is before it is read
@@ -290,6 +298,7 @@ struct Outcome {
   std::optional<std::string> link_unproved;  // why it is not proved that messages took the link under test
   std::optional<ByName<Traced>> trace;       // by host
   Counts histogram;
+  std::optional<Causes> causes;  // empty: not counted
 
   static void fields(auto& of, auto&& field) {
     for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member);
@@ -297,7 +306,8 @@ struct Outcome {
          of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
          of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting, "hosts",
          of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours", of.background,
-         "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram);
+         "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram, "causes",
+         of.causes);
   }
 };
 

@@ -58,6 +58,8 @@ struct Note {
 
 // The kind of a note that says why a message was late, of a run of `ontime listen`.
 inline constexpr const char* cause_of_late = "cause";
+// As `ontime explain` finds it in a kept trace; no file has such a note.
+inline constexpr const char* cause_not_seen = "cause-not-seen";
 
 // A machine's kernel events around one message.
 struct Trace {

@@ -49,13 +49,38 @@ std::string name_of(const Explained& one) {
 // What `ontime listen` found out while it ran.
 constexpr std::size_t most_told = 20;
 bool is_cause(const record::Note& note) { return note.kind == record::cause_of_late; }
+bool tells_of_late(const record::Note& note) { return is_cause(note) || note.kind == record::cause_not_seen; }
+
+// Late messages of `ontime listen` without a cause in the file.
+struct WithoutCause {
+  std::uint64_t not_seen = 0, no_space = 0, not_examined = 0;
+  std::uint64_t unknown = 0;  // which of the three: the file has no counts
+};
+WithoutCause without_cause(const Explained& one) {
+  WithoutCause counts;
+  auto left = one.account.late;
+  const auto take = [&](std::uint64_t count) {
+    const auto taken = std::min(count, left);
+    left -= taken;
+    return taken;
+  };
+  const auto count = [&](const char* kind) {
+    return static_cast<std::uint64_t>(std::ranges::count(one.notes, kind, &record::Note::kind));
+  };
+  const auto noted = take(count(record::cause_of_late));
+  const auto examined = one.run.outcome.causes.value_or(record::Causes());
+  counts.not_seen = take(std::max(examined.not_seen, count(record::cause_not_seen)));
+  counts.no_space = take(examined.seen - std::min(examined.seen, noted));
+  (one.run.outcome.causes ? counts.not_examined : counts.unknown) = left;
+  return counts;
+}
 
 std::string text_of_listened(const Explained& one, const Marks& marks) {
-  std::vector<record::Note> causes;
-  std::ranges::copy_if(one.notes, std::back_inserter(causes), is_cause);
+  std::vector<record::Note> told;
+  std::ranges::copy_if(one.notes, std::back_inserter(told), tells_of_late);
   if (one.account.late == 0)
     return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
-  if (causes.empty()) {
+  if (told.empty() && !one.run.outcome.causes) {
     const auto& words = one.run.asked.command_line;
     const bool is_recording = words.size() > 1 && words[1] == "import";
     return fmt::format("{0}{1}: causes unknown: {2}{0}\n", marks.heading, name_of(one),
@@ -63,15 +88,20 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` finds causes only as root, without --no-explain, while no "
                                       "other ontime traces");
   }
-  const auto late = one.account.late, without = late - std::min<std::uint64_t>(causes.size(), late);
-  const bool keeps_worst = one.run.asked.keeps_worst();
-  auto text = fmt::format("{0}{1}: causes of {2}{3} of {4} late messages{5}{0}\n", marks.heading,
-                          name_of(one), keeps_worst ? "the worst " : "", causes.size(), late,
-                          without > 0 && !keeps_worst ? fmt::format("; cause not seen: {}", without) : "");
-  for (std::size_t i = 0; i < std::min(most_told, causes.size()); ++i)
-    text += fmt::format("{}{}\n", marks.item, printable(causes[i].text));
-  if (causes.size() > most_told)
-    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item, causes.size() - most_told);
+  auto text = fmt::format("{}{}: causes of {}{} of {} late messages", marks.heading, name_of(one),
+                          one.run.asked.keeps_worst() ? "the worst " : "",
+                          std::ranges::count_if(told, is_cause), one.account.late);
+  const auto without = without_cause(one);
+  for (const auto& [words, count] : {std::pair("cause not seen", without.not_seen),
+                                     {"no space in the file for the cause", without.no_space},
+                                     {"not examined", without.not_examined},
+                                     {"cause not seen or not recorded", without.unknown}})
+    if (count > 0) text += fmt::format("; {}: {}", words, count);
+  text += fmt::format("{}\n", marks.heading);
+  for (std::size_t i = 0; i < std::min(most_told, told.size()); ++i)
+    text += fmt::format("{}{}\n", marks.item, printable(told[i].text));
+  if (told.size() > most_told)
+    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item, told.size() - most_told);
   return text;
 }
 
@@ -189,9 +219,17 @@ ordered_json json_of(const Explained& one) {
   const auto to_json = [](const auto& of) { return json_of(of); };
   auto notes = ordered_json::array();
   for (const auto& note : one.notes)
-    if (is_cause(note)) notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
+    if (tells_of_late(note))
+      notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
+  auto without = ordered_json();
+  if (one.run.asked.is_listened()) {
+    const auto [not_seen, no_space, not_examined, unknown] = without_cause(one);
+    without = {
+        {"not_seen", not_seen}, {"no_space", no_space}, {"not_examined", not_examined}, {"unknown", unknown}};
+  }
   return {{"run", one.run.number},
           {"notes", notes},
+          {"without_cause", without},
           {"id", word(one.run.asked.id)},
           {"transport", word(one.run.asked.task.transport)},
           {"component", one.run.asked.stated("component")},

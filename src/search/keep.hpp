@@ -24,6 +24,7 @@ struct Kept {
   std::string scenario;  // keys of that run, in YAML; "": nothing is to be kept
   std::vector<Unit> units;  // empty: no setting is the kernel's
   std::string fill_in;      // what the user must replace in the units; "": nothing
+  std::string left_out;     // what no unit sets, though the goal was proven with it, and the fix; "": nothing
 };
 // The units also set what the run itself asks of the kernel: the goal was proven with it, and napi-threads
 // cannot be set without its threaded-napi. `program`: what the units start. `links`: of each host, where its

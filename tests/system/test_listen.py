@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""`ontime listen` beside programs that keep their own account of each message. ONTIME, LISTEN_NODE, LISTEN_FASTDDS_NODE and
-LISTEN_RMW_NODE name the programs.
-
-LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may not set probes leaves with 3."""
+"""`ontime listen` beside programs that keep their own account of each message (robot.py). It needs root: who may not set probes
+leaves with 3."""
 
 import contextlib
 import json
@@ -14,53 +12,16 @@ import shutil
 import signal
 import sqlite3
 import statistics
-import struct
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 import urllib.request
 
 from program import eventually, trace_instances
+from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, RMW_NODE, Robot, begin, changed_code, log_of
 
-ONTIME, NODE, FASTDDS_NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_FASTDDS_NODE", "LISTEN_RMW_NODE"))
 DDS_STAND_INS = pathlib.Path(RMW_NODE).parent.parent / "tests/listen"
-LATE = 1
-MESSAGES = int(os.environ.get("LISTEN_MESSAGES", "5000"))
-DOMAIN = 77
-CONFIGURATION = f"""<CycloneDDS><Domain id="{DOMAIN}"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
-<AllowMulticast>false</AllowMulticast></General><Discovery><Peers><Peer address="127.0.0.1"/></Peers>
-<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"""
-ENVIRONMENT = {**os.environ, "CYCLONEDDS_URI": CONFIGURATION, "LISTEN_NODE_DOMAIN": str(DOMAIN), "LC_ALL": "C.UTF-8"}
-
-
-def changed_code(pid):
-    """How many bytes of the process's code of its DDS are not those of the file: those are probes."""
-    changed = 0
-    for line in pathlib.Path(f"/proc/{pid}/maps").read_text().splitlines():
-        fields = line.split()
-        if len(fields) < 6 or not re.search(r"lib(ddsc|fastrtps)\.so", fields[5]) or "x" not in fields[1]:
-            continue
-        begin, end = (int(text, 16) for text in fields[0].split("-"))
-        with open(f"/proc/{pid}/mem", "rb", 0) as memory, open(fields[5], "rb") as file:
-            memory.seek(begin)
-            file.seek(int(fields[2], 16))
-            here, there = memory.read(end - begin), file.read(end - begin)
-            for at in range(0, len(here), 4096):
-                page, other = here[at:at + 4096], there[at:at + 4096]
-                if page != other:
-                    changed += sum(a != b for a, b in zip(page, other))
-    return changed
-
-
-def until_probed(nodes):
-    """The last probes are set when three looks, a second apart, see the same."""
-    assert eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes))
-    counts = [None]
-    while len(counts) < 3 or len({str(count) for count in counts[-3:]}) > 1:
-        counts.append([changed_code(node.pid) for node in nodes])
-        time.sleep(1)
 
 
 def captures(pid):
@@ -73,59 +34,7 @@ def captures(pid):
     return any(f"socket:[{row[8]}]" in links and int(row[5]) == 1 and int(row[4]) != 0 for row in rows)
 
 
-def begin(publisher):
-    """Once it can be told."""
-    caught = lambda: int(pathlib.Path(f"/proc/{publisher.pid}/status").read_text().split("SigCgt:")[1].split()[0], 16)
-    assert eventually(lambda: caught() >> (signal.SIGUSR1 - 1) & 1)
-    publisher.send_signal(signal.SIGUSR1)
-
-
-def log_of(path):
-    return [tuple(int(word) for word in line.split()) for line in path.read_text().splitlines()]
-
-
-class Listen(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory(prefix="ontime-test-")
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def start(self, *command, **more):
-        process = subprocess.Popen([str(word) for word in command], env=ENVIRONMENT, cwd=self.folder,
-                                   stderr=subprocess.DEVNULL, **more)
-        self.addCleanup(lambda: (process.kill(), process.wait()))
-        return process
-
-    def pair(self, count, period_us=1000, depth=1000, take_us=0, node=NODE, way="take"):
-        """A publisher that waits for SIGUSR1, and a taker."""
-        return (self.start(node, "publish", "rt/cmd_vel", count, period_us, self.folder / "published"),
-                self.start(node, way, "rt/cmd_vel", depth, take_us, self.folder / "taken"))
-
-    def listen(self, nodes, *arguments):
-        listener = self.start(ONTIME, "listen", "--format", "json", "--output", "seen.json", *arguments)
-        until_probed(nodes)  # the topics' names are found within the first messages
-        return listener
-
-    def end(self, listener, publisher, taker, last_take_s=0.5):
-        begin(publisher)
-        self.assertEqual(publisher.wait(600), 0)
-        time.sleep(last_take_s)
-        listener.send_signal(signal.SIGINT)
-        code = listener.wait(120)
-        taker.send_signal(signal.SIGTERM)
-        self.assertEqual(taker.wait(120), 0)
-        return code, json.loads((self.folder / "seen.json").read_text())
-
-    def kept(self):
-        """The rows of the results file, by the run's id, and what `report` says of the runs."""
-        results = self.folder / "kept.ontime"
-        with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
-            rows = {id: database.execute("SELECT received_after_ns, fate FROM sample WHERE run = ? ORDER BY message", [number]).fetchall()
-                    for number, id in database.execute("SELECT number, id FROM run")}
-        report = subprocess.run([ONTIME, "report", results, "--format", "json"], capture_output=True, text=True, timeout=60)
-        self.assertEqual(report.returncode, 0, report.stderr)
-        return rows, {run["id"]: run for run in json.loads(report.stdout)["runs"]}
-
+class Listen(Robot):
     def test_every_late_and_no_other_message_is_found(self):
         self.check_each_message()
 
@@ -186,94 +95,6 @@ class Listen(unittest.TestCase):
         with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'kept.ontime'}?mode=ro", uri=True)) as database:
             return database.execute("SELECT intended_ns, received_after_ns, fate FROM sample JOIN run ON run = number "
                                     "WHERE id = '/cmd_vel period' ORDER BY message").fetchall()[:-1]
-
-    def traces(self):
-        """Of the results file, by run and message: what is kept of what was around it. None, until it has tables."""
-        try:
-            with contextlib.closing(sqlite3.connect(f"file:{self.folder / 'kept.ontime'}?mode=ro", uri=True)) as database:
-                return {(run, message): json.loads(events)
-                        for run, message, events in database.execute("SELECT run, message, events FROM trace")}
-        except sqlite3.OperationalError:
-            return {}
-
-    def test_recorder_keeps_late_messages_with_what_was_around_them(self):
-        publisher, taker = self.pair(4000)
-        listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "15ms", "--results", "kept.ontime", "--keep", "10MB")
-        code, seen = self.end(listener, publisher, taker)
-        self.assertEqual(code, 1)
-        flow = seen["flows"][0]
-        rows, runs = self.kept()
-        period = runs["/cmd_vel period"]
-        # All are counted, with the silence at the end, and few are kept.
-        self.assertEqual((period["sent"], period["late"]), (flow["period"]["count"] + 1, flow["late"] + 1))
-        self.assertLess(len(rows["/cmd_vel period"]), flow["messages"])
-        late = [fate for _, fate in rows["/cmd_vel period"]].count(LATE)
-        self.assertLess(period["round_trip_us"]["p50"], 15_000, "not of those that are kept")
-        if not any(miss["why"] for miss in seen["misses"]):
-            self.skipTest("late messages were not explained: another ontime holds the machine")
-        kept = [trace for trace in self.traces().values() if "way" in trace]
-        self.assertGreater(len(kept), 0)
-        self.assertLessEqual(len(kept), late)
-        for trace in kept:
-            self.assertLessEqual(trace["from_ns"], trace["way"]["taken_ns"] - 100_000_000)
-            if trace["whole"]:
-                self.assertEqual(trace["to_ns"], trace["way"]["taken_ns"] + 100_000_000)
-                self.assertGreater(trace["from_ns"] + trace["events"][-1]["at"], trace["way"]["taken_ns"])
-        explained = subprocess.run([ONTIME, "explain", "kept.ontime"], capture_output=True, text=True, cwd=self.folder, timeout=60)
-        self.assertEqual(explained.returncode, 0, explained.stderr)
-        self.assertRegex(explained.stdout, r"causes of the worst \d+ of \d+ late messages\n +\d{4}-\d\d-\d\d \d\d:")
-        print(explained.stdout, file=sys.stderr)
-
-    def test_killed_recorder_goes_on_in_the_same_file(self):
-        publisher, taker = nodes = self.pair(600_000)
-        begin(publisher)
-        arguments = ("/cmd_vel", "--deadline", "15ms", "--results", "kept.ontime", "--keep", "10MB")
-        first = self.start(ONTIME, "listen", *arguments)
-        self.assertTrue(eventually(lambda: len(self.traces()) > 0))
-        first.kill()
-        first.wait()
-        before = self.traces()
-        self.assertTrue(eventually(lambda: all(changed_code(node.pid) == 0 for node in nodes)))
-        second = self.start(ONTIME, "listen", *arguments)
-        # It has the file before it sets probes. Until then no process may read what the killed one left.
-        self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes)))
-        self.assertTrue(eventually(lambda: len(self.traces()) > len(before)))
-        second.send_signal(signal.SIGINT)
-        self.assertEqual(second.wait(120), 1)
-        self.assertEqual({key: trace for key, trace in self.traces().items() if key in before}, before)
-        report = subprocess.run([ONTIME, "report", "kept.ontime", "--format", "json"], capture_output=True, text=True, cwd=self.folder,
-                                timeout=60)
-        runs = [run for run in json.loads(report.stdout)["runs"] if run["id"] == "/cmd_vel period"]
-        self.assertGreaterEqual(len(runs), 2, report.stderr)
-        for run in runs:
-            self.assertTrue(run["complete"], run)
-
-    def test_a_scenario_judges_messages_beside_its_runs(self):
-        publisher, taker = self.pair(120_000)
-        begin(publisher)
-        (self.folder / "own.yaml").write_text("""
-hosts: loopback
-defaults: {transport: udp, duration: 4 s, listen: {topics: "/cmd_vel, /cmd_val", deadline: 5 ms}}
-runs:
-  - id: idle
-  - id: busy
-    load: {controller: {cpu: 1}}
-""")
-        done = subprocess.run([ONTIME, "run", "own.yaml", "--results", "kept.ontime", "--only-measure"], env=ENVIRONMENT,
-                              cwd=self.folder, capture_output=True, text=True, timeout=120)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stderr, r"listen.topics: .*'/cmd_val'")
-        rows, runs = self.kept()
-        self.assertLessEqual({"idle", "idle udp /cmd_vel age", "idle udp /cmd_vel period", "busy", "busy udp /cmd_vel period"}, set(rows))
-        for run in ("idle udp /cmd_vel period", "busy udp /cmd_vel period"):
-            self.assertGreater(sum(period for period, _ in rows[run]), 2e9)
-            self.assertEqual([fate == LATE for _, fate in rows[run]], [period > 5_000_000 for period, _ in rows[run]])
-        self.assertIsNone(runs["idle udp /cmd_vel period"]["conditions"]["load"]["asked"])
-        self.assertEqual(runs["busy udp /cmd_vel period"]["conditions"]["load"]["asked"]["controller"]["cpu"], 1)
-        compared = subprocess.run([ONTIME, "compare", "kept.ontime", "--from", "idle udp /cmd_vel period", "--to", "busy udp /cmd_vel period"],
-                                  cwd=self.folder, capture_output=True, text=True, timeout=60)
-        self.assertEqual(compared.returncode, 0, compared.stderr)
-        self.assertIn("/cmd_vel", compared.stdout)
 
     def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
         self.check_overwritten()
@@ -354,24 +175,6 @@ runs:
         self.assertEqual((chain["came_out"], chain["paths"]), (0, []))
         # On a busy machine it takes a while to find the topics' names.
         self.assertTrue(0 < chain["topics"][1]["without_take"] <= 2000, chain)
-
-    def test_chain_that_cannot_be_is_refused(self):
-        for chain in ("/scan", "/scan,/map,/scan", "/scan,,/map", "latest:/scan,/map", "/scan,/map@soon", ",".join(f"/{i}" for i in range(9))):
-            done = subprocess.run([ONTIME, "listen", "--chain", chain], capture_output=True, text=True, timeout=60)
-            self.assertEqual(done.returncode, 2, (chain, done.stderr))
-            self.assertIn("--chain", done.stderr)
-        for arguments in (("--packets", "lo"), ("--pcap", "no.pcap"), ("--list",)):
-            done = subprocess.run([ONTIME, "listen", "--chain", "/scan,/map", *arguments], capture_output=True, text=True, timeout=60)
-            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
-            self.assertIn("--chain", done.stderr)
-
-    def test_bound_that_cannot_be_is_refused(self):
-        for arguments in (("--keep", "20MB"), ("--keep", "20", "--results", "kept.ontime"), ("--keep", "1MB", "--results", "kept.ontime"),
-                          ("--keep", "20MB", "--results", "kept.ontime", "--pcap", "no.pcap")):
-            done = subprocess.run([ONTIME, "listen", *arguments], capture_output=True, text=True, timeout=60, cwd=self.folder)
-            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
-            self.assertIn("--keep", done.stderr)
-            self.assertFalse((self.folder / "kept.ontime").exists())
 
     def hog(self, priority, cpu):
         """Has the CPU for some 30 ms, every half a second."""
@@ -457,15 +260,6 @@ runs:
         self.assertLessEqual(flow["lost"], taken[-1][0] + 1 - taken[0][0] - len(taken))  # a busy machine's taker misses some
         gaps = [after[1] - before[1] for before, after in zip(taken, taken[1:])]
         self.assertLess(flow["period"]["max_ns"], max(gaps) + 10_000_000)
-
-    def test_budget_that_cannot_be_is_refused(self):
-        for budget in ("1", "0%", "-1%", "101%", "nan%", "1%%", "much"):
-            done = subprocess.run([ONTIME, "listen", f"--budget={budget}"], capture_output=True, text=True, timeout=60)
-            self.assertEqual(done.returncode, 2, (budget, done.stderr))
-            self.assertIn("--budget", done.stderr)
-        done = subprocess.run([ONTIME, "listen", "--budget", "1%", "--packets", "lo"], capture_output=True, text=True, timeout=60)
-        self.assertEqual(done.returncode, 2, done.stderr)
-        self.assertIn("--budget", done.stderr)
 
     def test_nothing_remains_after_kill_9(self):
         publisher, taker = nodes = self.pair(100)
@@ -568,21 +362,6 @@ runs:
         self.assertEqual(done.returncode, 3, done.stderr)
         self.assertIn("sudo", done.stderr)
 
-    def test_file_that_is_no_capture_is_refused(self):
-        (self.folder / "bad.pcap").write_bytes(b"no capture")
-        for name in ("bad.pcap", "missing.pcap"):
-            done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / name], capture_output=True, text=True,
-                                  timeout=60)
-            self.assertEqual(done.returncode, 2, done.stderr)
-            self.assertIn(name, done.stderr)
-
-    def test_capture_of_another_link_is_wrong_input(self):
-        (self.folder / "wlan.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 105))
-        for arguments in (("--pcap", self.folder / "wlan.pcap"), ("--pcap", self.folder), ("--packets", "no-such-link")):
-            done = subprocess.run([ONTIME, "listen", *arguments], capture_output=True, text=True, timeout=60)
-            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
-            self.assertIn(str(arguments[0]), done.stderr)
-
     def test_reader_that_leaves_ends_it_quietly(self):
         node = self.start(RMW_NODE)
         listener = subprocess.Popen([ONTIME, "listen", "/scan", "--deadline", "1 us", "--for", "60 s"],
@@ -593,23 +372,6 @@ runs:
         self.assertEqual(listener.wait(120), -signal.SIGPIPE)
         listener.stderr.close()
         self.assertIsNone(node.poll())
-
-    def test_capture_cut_at_its_end_is_judged_until_there(self):
-        (self.folder / "cut.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + bytes(5))
-        done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "cut.pcap", "--format", "json"],
-                              capture_output=True, text=True, timeout=60)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        seen = json.loads(done.stdout)
-        self.assertEqual(len(seen["remarks"]), 1)
-        # Of the same time as what it counts: starting is in neither.
-        self.assertLessEqual(seen["cost"]["ontime_cpu_share"], os.cpu_count())
-
-    def test_empty_capture_has_no_messages(self):
-        (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
-        done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "empty.pcap"], capture_output=True, text=True,
-                              timeout=60)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn("No message", done.stdout)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+// Frames and datagrams of any length and form.
+#include <gtest/gtest.h>
+#include <pcap/dlt.h>
+
+#include "listen/listen.hpp"
+#include "listen/packets.hpp"
+#include "listen_rtps.hpp"
+
+namespace ontime::listen {
+namespace {
+
+TEST(RtpsDatagram, DatagramOfAnyLengthIsReadWithinItsBounds) {
+  const auto whole = Rtps()
+                         .stamp(1, 2)
+                         .data(7, Bytes(8))
+                         .gap(8, 10, 32, 5)
+                         .heartbeat(1, 9)
+                         .fragment(11, 1, 1, 2)
+                         .announce("x")
+                         .bytes;
+  for (std::size_t size = 0; size <= whole.size(); ++size) {
+    const std::vector<std::byte> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const auto outcome = rtps::visit(part, {});
+    EXPECT_EQ(outcome == rtps::Outcome::foreign, size < 20) << size;
+  }
+  EXPECT_EQ(rtps::visit(whole, {}), rtps::Outcome::whole);
+}
+
+TEST(RtpsDatagram, InfoSourceNamesAnotherParticipant) {
+  Bytes body(8);
+  add(body, {9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9, 9});
+  std::string writer;
+  rtps::visit(Rtps().submessage(0x0c, 1, body).data(1).bytes,
+              {.data = [&](const rtps::Data& data) { writer = rtps::text_of(data.writer); },
+               .gap = {},
+               .heartbeat = {}});
+  EXPECT_EQ(writer, "09090909.09090909.09090909:00001203");
+}
+
+// An IPv4 packet with UDP in Ethernet.
+Bytes frame_of(const Bytes& udp_payload, std::size_t from, std::size_t bytes, bool more, unsigned id = 7) {
+  Bytes udp;
+  add(udp, {0x1c, 0xe8, 0x1c, 0xf3});
+  add(udp, {static_cast<unsigned>((udp_payload.size() + 8) >> 8U),
+            static_cast<unsigned>(udp_payload.size() + 8) & 0xff, 0, 0});
+  udp.insert(udp.end(), udp_payload.begin(), udp_payload.end());
+  bytes = std::min(bytes, udp.size() - from);
+  Bytes frame(12);
+  add(frame, {0x08, 0x00, 0x45, 0, static_cast<unsigned>((bytes + 20) >> 8U),
+              static_cast<unsigned>(bytes + 20) & 0xff, 0, id});
+  const auto flags = static_cast<unsigned>(from / 8) | (more ? 0x2000U : 0U);
+  add(frame, {flags >> 8U, flags & 0xff, 64, 17, 0, 0, 10, 0, 0, 1, 10, 0, 0, 2});
+  frame.insert(frame.end(), udp.begin() + static_cast<std::ptrdiff_t>(from),
+               udp.begin() + static_cast<std::ptrdiff_t>(from + bytes));
+  return frame;
+}
+
+TEST(Frames, DatagramHasItsAddresses) {
+  Packets packets(DLT_EN10MB);
+  const auto payload = Rtps().data(1).bytes;
+  const auto frame = frame_of(payload, 0, 1500, false);
+  const auto found = packets.datagram(frame);  // its payload is the frame's
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->source, "10.0.0.1:7400");
+  EXPECT_EQ(found->destination, "10.0.0.2:7411");
+  EXPECT_FALSE(found->is_one_host);
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+}
+
+TEST(Frames, FragmentsInAnyOrderMakeOneDatagram) {
+  Packets packets(DLT_EN10MB);
+  Bytes payload(3000);
+  for (std::size_t i = 0; i < payload.size(); ++i) payload[i] = static_cast<std::byte>(i * 31);
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 1480, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 2960, 1480, false)));
+  const auto found = packets.datagram(frame_of(payload, 0, 1480, true));
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+}
+
+TEST(Frames, FragmentSeenTwiceCountsOnce) {
+  Packets packets(DLT_EN10MB);
+  const Bytes payload(3000, std::byte{5});
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 2960, 1480, false)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 2960, 1480, false)));
+  const auto found = packets.datagram(frame_of(payload, 1480, 1480, true));
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+}
+
+// Of IPv6: a fragment of a UDP datagram with this payload.
+Bytes frame6_of(const Bytes& udp_payload, std::size_t from, std::size_t bytes, bool more) {
+  const auto ipv4 = frame_of(udp_payload, from, bytes, more);
+  const Bytes piece(ipv4.begin() + 34, ipv4.end());
+  const auto size = static_cast<unsigned>(piece.size() + 8),
+             at = static_cast<unsigned>(from) | (more ? 1U : 0U);
+  Bytes frame(12);
+  add(frame, {0x86, 0xdd, 0x60, 0, 0, 0, size >> 8U, size & 0xff, 44, 64});
+  frame.resize(frame.size() + 32);
+  add(frame, {17, 0, at >> 8U, at & 0xff, 0, 0, 0, 9});
+  frame.insert(frame.end(), piece.begin(), piece.end());
+  add(frame, {1, 2, 3, 4});  // padding of Ethernet
+  return frame;
+}
+
+TEST(Frames, FragmentsOfIpv6MakeOneDatagram) {
+  Packets packets(DLT_EN10MB);
+  Bytes payload(3000);
+  for (std::size_t i = 0; i < payload.size(); ++i) payload[i] = static_cast<std::byte>(i * 31);
+  EXPECT_FALSE(packets.datagram(frame6_of(payload, 0, 1448, true)));
+  EXPECT_FALSE(packets.datagram(frame6_of(payload, 2896, 1448, false)));
+  const auto found = packets.datagram(frame6_of(payload, 1448, 1448, true));
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->destination, "[::]:7411");
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+  for (std::size_t size = 0; size < 70; ++size) {
+    const auto whole = frame6_of(payload, 0, 1448, true);
+    packets.datagram(std::span(whole).first(size));
+  }
+}
+
+TEST(Frames, DatagramCutByTheCaptureIsMarked) {
+  auto payload = Rtps().data(1).bytes;
+  payload.resize(3000);
+  const auto cut = [](const Bytes& frame, std::size_t size) {
+    Packets packets(DLT_EN10MB);
+    const auto found = packets.datagram(std::span(frame).first(size));
+    return found && found->is_cut;
+  };
+  const auto frame = frame_of(payload, 0, 4000, false);
+  EXPECT_FALSE(cut(frame, frame.size()));
+  for (const std::size_t size : {42U, 44U, 60U, 1000U}) EXPECT_TRUE(cut(frame, size)) << size;
+  EXPECT_TRUE(cut(frame_of(payload, 0, 1480, true), 1000));
+  EXPECT_TRUE(cut(frame6_of(payload, 0, 1448, true), 1000));
+  EXPECT_FALSE(cut(frame_of(Bytes(3000), 0, 4000, false), 1000)) << "it is no RTPS";
+}
+
+TEST(Frames, InterfaceIsThatOfTheCookedHeader) {
+  const auto frame = frame_of(Rtps().data(1).bytes, 0, 1500, false);
+  Bytes cooked;
+  add(cooked, {0x08, 0x00, 0, 0, 0, 0, 0, 7, 0, 1, 0, 6, 0, 0, 0, 0, 0, 0, 0, 0});
+  cooked.insert(cooked.end(), frame.begin() + 14, frame.end());
+  Packets packets(DLT_LINUX_SLL2);
+  const auto found = packets.datagram(cooked);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->interface, 7U);
+}
+
+TEST(Frames, FragmentsThatNeverEndAreForgotten) {
+  Packets packets(DLT_EN10MB);
+  const Bytes payload(3000);
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true, 0)));
+  for (unsigned id = 1; id < 200; ++id) EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true, id)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 1480, 2000, false, 0)));
+}
+
+TEST(Frames, FrameOfAnyLengthIsReadWithinItsBounds) {
+  const auto whole = frame_of(Rtps().data(1).bytes, 0, 1500, false);
+  for (const int type : {DLT_EN10MB, DLT_LINUX_SLL, DLT_LINUX_SLL2, DLT_RAW})
+    for (std::size_t size = 0; size <= whole.size(); ++size) {
+      Packets packets(type);
+      const std::vector<std::byte> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+      packets.datagram(part);
+    }
+}
+
+TEST(Frames, SendingHalfOnLoopbackIsLeftOut) {
+  auto frame = frame_of(Rtps().data(1).bytes, 0, 1500, false);
+  const auto cooked = [&](unsigned direction) {
+    Bytes bytes;
+    add(bytes, {0, direction, 0x03, 0x04, 0, 6, 0, 0, 0, 0, 0, 0, 0, 0, 0x08, 0x00});
+    bytes.insert(bytes.end(), frame.begin() + 14, frame.end());
+    return bytes;
+  };
+  Packets packets(DLT_LINUX_SLL);
+  EXPECT_TRUE(packets.datagram(cooked(0)));
+  EXPECT_FALSE(packets.datagram(cooked(4)));
+}
+
+TEST(Frames, UnknownLinkTypeIsRefused) { EXPECT_THROW(Packets(DLT_IEEE802_11), Error); }
+
+}  // namespace
+}  // namespace ontime::listen

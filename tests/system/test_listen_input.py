@@ -1,0 +1,83 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Files and flags of `ontime listen` that need no node: captures, and what is refused."""
+
+import json
+import os
+import pathlib
+import struct
+import subprocess
+import tempfile
+import unittest
+
+from program import ONTIME
+
+
+class Input(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-test-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def test_chain_that_cannot_be_is_refused(self):
+        for chain in ("/scan", "/scan,/map,/scan", "/scan,,/map", "latest:/scan,/map", "/scan,/map@soon", ",".join(f"/{i}" for i in range(9))):
+            done = subprocess.run([ONTIME, "listen", "--chain", chain], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (chain, done.stderr))
+            self.assertIn("--chain", done.stderr)
+        for arguments in (("--packets", "lo"), ("--pcap", "no.pcap"), ("--list",)):
+            done = subprocess.run([ONTIME, "listen", "--chain", "/scan,/map", *arguments], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
+            self.assertIn("--chain", done.stderr)
+
+    def test_bound_that_cannot_be_is_refused(self):
+        for arguments in (("--keep", "20MB"), ("--keep", "20", "--results", "kept.ontime"), ("--keep", "1MB", "--results", "kept.ontime"),
+                          ("--keep", "20MB", "--results", "kept.ontime", "--pcap", "no.pcap")):
+            done = subprocess.run([ONTIME, "listen", *arguments], capture_output=True, text=True, timeout=60, cwd=self.folder)
+            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
+            self.assertIn("--keep", done.stderr)
+            self.assertFalse((self.folder / "kept.ontime").exists())
+
+    def test_budget_that_cannot_be_is_refused(self):
+        for budget in ("1", "0%", "-1%", "101%", "nan%", "1%%", "much"):
+            done = subprocess.run([ONTIME, "listen", f"--budget={budget}"], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (budget, done.stderr))
+            self.assertIn("--budget", done.stderr)
+        done = subprocess.run([ONTIME, "listen", "--budget", "1%", "--packets", "lo"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("--budget", done.stderr)
+
+    def test_file_that_is_no_capture_is_refused(self):
+        (self.folder / "bad.pcap").write_bytes(b"no capture")
+        for name in ("bad.pcap", "missing.pcap"):
+            done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / name], capture_output=True, text=True,
+                                  timeout=60)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(name, done.stderr)
+
+    def test_capture_of_another_link_is_wrong_input(self):
+        (self.folder / "wlan.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 105))
+        for arguments in (("--pcap", self.folder / "wlan.pcap"), ("--pcap", self.folder), ("--packets", "no-such-link")):
+            done = subprocess.run([ONTIME, "listen", *arguments], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
+            self.assertIn(str(arguments[0]), done.stderr)
+
+    def test_capture_cut_at_its_end_is_judged_until_there(self):
+        (self.folder / "cut.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + bytes(5))
+        done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "cut.pcap", "--format", "json"],
+                              capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        seen = json.loads(done.stdout)
+        self.assertEqual(len(seen["remarks"]), 1)
+        # Of the same time as what it counts: starting is in neither.
+        self.assertLessEqual(seen["cost"]["ontime_cpu_share"], os.cpu_count())
+
+    def test_empty_capture_has_no_messages(self):
+        (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
+        done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "empty.pcap"], capture_output=True, text=True,
+                              timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("No message", done.stdout)
+
+
+if __name__ == "__main__":
+    unittest.main()
