@@ -71,7 +71,9 @@ struct Shape {
   std::vector<Ranked> round_trip_ranks, response_ranks;
   std::int64_t slice_ns = 0;  // length of a slice; longer if the run exceeds its stated duration
   std::vector<Slice> slices;  // from the first message on; at most 2,000
-  std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
+  // At most 20 messages, due more than ten times as late as all others. They are in no slice.
+  std::vector<roundtrip::Sample> beyond;
+  std::vector<Worst> worst;  // at most 10, the longest first; lost messages are not among them
 };
 
 // Request leg and reply leg of a round trip, if both ends share one clock or have synchronised clocks.
