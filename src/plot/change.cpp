@@ -55,11 +55,13 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   for (const auto& [times, figure] : shares)
     if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
-      const auto& [low, high] = change->difference_lies;
-      panel.notes.push_back(fmt::format(
-          "{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure), change->from * 100,
-          change->to * 100,
-          low && high ? fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100) : ""));
+      const auto& [low, high] = change->lies();
+      const auto lies = !low || !high ? ""
+                        : change->ratio
+                            ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
+                            : fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100);
+      panel.notes.push_back(fmt::format("{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure),
+                                        change->from * 100, change->to * 100, lies));
     }
   return panel;
 }
