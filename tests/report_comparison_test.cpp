@@ -273,7 +273,7 @@ TEST(Compare, MaximaOfUnequalNumbersOfMessagesAreShownButNotCompared) {
   b[0].round_trip.count *= 3;
   EXPECT_THAT(row(), ::testing::ElementsAre("max", "2000", "9000", "-", "-", "not", "compared"));
   EXPECT_THAT(render(compare(a, b), {}, Format::table),
-              HasSubstr("of 6,000 answers it is greater than of 2,000"));
+              HasSubstr("A: 2,000 answers, B: 6,000"));
   EXPECT_TRUE(max().at("ratio").is_null());
   EXPECT_TRUE(max().at("difference").is_null());
   EXPECT_EQ(max().at("to"), 9000);

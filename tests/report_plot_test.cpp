@@ -348,5 +348,21 @@ TEST(Gnuplot, CutOffRepetitionIsNotPooledAgainstThePayload) {
   EXPECT_THAT(gnuplot_of({cut}, plot), HasSubstr("$missed0 << END\n500 5 5 5\n")) << "it is all there is";
 }
 
+TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
+  const Summaries runs{measured("same", 400'000)};
+  auto comparison = compare_chosen(runs, runs);
+  comparison.from_name = "old.ontime";
+  comparison.to_name = "new.ontime";
+  for (const auto* text : {"'A: old.ontime, same udp (1 run)'", "'B: new.ontime, same udp (1 run)'"})
+    EXPECT_THAT(gnuplot_of(comparison, {}), HasSubstr(text));
+}
+
+TEST(Gnuplot, ChangeOfTimesThatRoundToTheNextUnitIsInIt) {
+  Summaries from{measured("before", 400'000)}, to{measured("after", 400'000)};
+  from.front().round_trip_certainty[statistics::Figure::p50].value = 500'000;
+  to.front().round_trip_certainty[statistics::Figure::p50].value = 999'600;
+  EXPECT_THAT(gnuplot_of(compare_chosen(from, to), {}), HasSubstr("'0.5 → 1 ms'"));
+}
+
 }  // namespace
 }  // namespace ontime::report

@@ -135,12 +135,14 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
       continue;
     }
     // A far percentile, or few messages or runs, leave it unknown.
+    const auto& [low, high] = change->lies();
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
                           change->is_of_unequal_numbers ? "not compared"
                           : !too_few                    ? word_of(*change)
+                          : !low && !high               ? "no interval"
                           : is_single(pair)             ? "too few messages"
                                                         : "too few runs or messages"});
   }
@@ -152,9 +154,9 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
         "one run per side cannot tell better from worse: its start-to-start variation is unknown. Fix: "
         "repeat: 5");
   if (const auto max = change_of(pair, Times::round_trip, Figure::max); max && max->is_of_unequal_numbers) {
-    const auto [fewer, more] = std::minmax({answers_of(pair.from), answers_of(pair.to)});
-    table.notes.push_back(fmt::format("max is not compared: of {} answers it is greater than of {}",
-                                      grouped(more), grouped(fewer)));
+    table.notes.push_back(
+        fmt::format("max is not compared: more answers have a greater one. A: {} answers, B: {}",
+                    grouped(answers_of(pair.from)), grouped(answers_of(pair.to))));
   }
   std::vector<std::string> names;
   Runs named;
