@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include "listen_results.hpp"
+#include "listen_words.hpp"
 #include "record_fixture.hpp"
 #include "statistics/statistics.hpp"
 
@@ -252,6 +253,12 @@ TEST_F(Recorder, KilledOneLeavesWhatItCounted) {
   ASSERT_EQ(runs.size(), 1u);
   EXPECT_EQ(runs[0].sent, 100u);
   EXPECT_EQ(runs[0].round_trip.max, 50 * ms);
+}
+
+TEST(Clock, TimeBefore1970HasMillisecondsOfItsSecond) {
+  EXPECT_THAT(clock_of(1'250'999'999), ::testing::EndsWith(":01.250"));
+  EXPECT_THAT(clock_of(-1), ::testing::EndsWith(":59.999"));
+  EXPECT_THAT(clock_of(-1'750'000'000), ::testing::EndsWith(":58.250"));
 }
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include "report_fixture.hpp"
 
 #include <iterator>
+#include <regex>
 #include <sstream>
 
 namespace ontime::report {
@@ -75,6 +76,13 @@ Summary summary(const json& asked, const json& outcome, std::size_t answers) {
   return summary;
 }
 
+std::vector<std::string> found_in(const std::string& text, const std::string& expression) {
+  const std::regex regex(expression);
+  std::vector<std::string> found;
+  for (auto it = std::sregex_iterator(text.begin(), text.end(), regex); it != std::sregex_iterator(); ++it)
+    found.push_back(it->str(1));
+  return found;
+}
 std::vector<std::string> lines_of(const std::string& text) {
   std::vector<std::string> lines;
   std::istringstream stream(text);

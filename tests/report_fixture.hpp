@@ -36,6 +36,19 @@ json outcome();
 // `answers` round trips of 1, 2, 3 … µs.
 Summary summary(const json& asked, const json& outcome, std::size_t answers = 2000);
 
+// The first group of each match.
+std::vector<std::string> found_in(const std::string& text, const std::string& expression);
+// A round trip of a period of 10 ms.
+inline roundtrip::Sample sample(std::uint64_t index, std::int64_t round_trip_ns,
+                                roundtrip::Fate fate = roundtrip::Fate::on_time) {
+  roundtrip::Sample s{};
+  s.index = index;
+  s.intended_ns = s.due_ns = s.woke_ns = s.sent_ns = 1'000 * ms + static_cast<std::int64_t>(index) * 10 * ms;
+  s.received_ns = fate == roundtrip::Fate::lost ? 0 : s.sent_ns + round_trip_ns;
+  s.fate = fate;
+  return s;
+}
+
 std::vector<std::string> lines_of(const std::string& text);
 // The first line that begins so, as words.
 std::vector<std::string> row_of(const std::string& text, const std::string& beginning);

@@ -2,7 +2,6 @@
 // The page, and what is packed into it. That a browser draws it is tested by page_test.py.
 #include <algorithm>
 #include <random>
-#include <regex>
 
 #include <fmt/format.h>
 #include <sodium.h>
@@ -10,10 +9,7 @@
 
 #include "page/course.hpp"
 #include "page/page.hpp"
-#include "plot/plot.hpp"
-#include "plot/sheet.hpp"
 #include "record/record.hpp"
-#include "report/comparison.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
 #include "table/table.hpp"
@@ -22,22 +18,12 @@ namespace ontime::report {
 namespace {
 
 using page::code_of, page::code_of_lost, page::Course;
-using plot::gnuplot_of, plot::Plot;
 using roundtrip::Fate;
 using roundtrip::Sample;
 using ::testing::Each;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
-
-Sample sample(std::uint64_t index, std::int64_t round_trip_ns, Fate fate = Fate::on_time) {
-  Sample s{};
-  s.index = index;
-  s.intended_ns = s.due_ns = s.woke_ns = s.sent_ns = 1'000 * ms + static_cast<std::int64_t>(index) * 10 * ms;
-  s.received_ns = fate == Fate::lost ? 0 : s.sent_ns + round_trip_ns;
-  s.fate = fate;
-  return s;
-}
 
 // As a browser does it, in other words.
 std::vector<std::uint8_t> unpacked(const nlohmann::json& base64) {
@@ -206,14 +192,6 @@ class Page : public ::testing::Test {
   record::Writer writer_{""};
   std::vector<record::Note> notes_;
 };
-
-std::vector<std::string> found_in(const std::string& text, const std::string& expression) {
-  const std::regex regex(expression);
-  std::vector<std::string> found;
-  for (auto it = std::sregex_iterator(text.begin(), text.end(), regex); it != std::sregex_iterator(); ++it)
-    found.push_back(it->str(1));
-  return found;
-}
 
 TEST_F(Page, shows_hostile_names_and_runs_none_of_them) {
   const std::string hostile = "</script><script>alert(1)</script><!--<img src=x onerror=alert(2)>\"'\u2028";
@@ -416,291 +394,6 @@ TEST_F(Page, LegendSpeaksOfTheColumnsThatThePageHas) {
   const auto html = page();
   EXPECT_THAT(html, HasSubstr("Late: answered after the deadline of 10 ms."));
   EXPECT_THAT(html, Not(HasSubstr("Missed deadlines:")));
-}
-
-TEST(Gnuplot, is_given_texts_that_end_nowhere_and_no_extreme_is_missing) {
-  auto run = summary(asked("it's\n`touch x` \"", "u'dp\nset output 'x'"), outcome());
-  run.shape.slice_ns = 10 * ms;
-  run.shape.slices = {{.sent = 3, .late = 1, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = 27'654'321},
-                      {.sent = 1, .lost = 1}};
-  run.shape.round_trip = {{100'000, 106'250, 2}, {27'262'976, 28'311'552, 1}};
-  for (const auto figure :
-       {Plot::Figure::time, Plot::Figure::ccdf, Plot::Figure::conditions, Plot::Figure::payload}) {
-    const auto commands = gnuplot_of({run}, {figure, Plot::Form::svg, false});
-    EXPECT_THAT(commands, Not(HasSubstr("\nset output")));
-    for (const auto& line : lines_of(commands))
-      EXPECT_EQ(std::count(line.begin(), line.end(), '\'') % 2, 0) << line;
-  }
-  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("0.005 27.6543\n"));
-}
-
-TEST(Gnuplot, draws_how_long_cycles_waited_that_passed_without_a_message) {
-  auto run = summary(asked("a", "udp"), outcome());
-  run.skipped_cycles = 300;
-  run.response.max = 3'000 * ms;
-  run.shape.slice_ns = 10 * ms;
-  run.shape.slices = {{.sent = 1, .min_ns = 100'000, .p50_ns = 100'000, .max_ns = 100'000},
-                      {.skipped_cycles = 300, .response_max_ns = 3'000 * ms}};
-  const auto commands = gnuplot_of({run}, {});
-  EXPECT_THAT(commands, HasSubstr("300 cycles without a message"));
-  EXPECT_THAT(commands, HasSubstr("$passed0 << END\n0.015 3000\n"));
-}
-
-TEST(Gnuplot, draws_no_more_than_can_be_seen_and_no_extreme_is_missing) {
-  auto run = summary(asked("a", "udp"), outcome());
-  run.shape.slice_ns = 10 * ms;
-  for (std::int64_t i = 0; i < 2000; ++i)
-    run.shape.slices.push_back(
-        {.sent = 12, .late = 1, .lost = 1, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = (i + 1) * ms});
-  run.shape.slices[1203].max_ns = 7'777 * ms;
-  run.shape.slices[1204].min_ns = 1'234;
-  run.sent = 24'000;
-  const auto commands = gnuplot_of({run}, {});
-  EXPECT_THAT(commands, HasSubstr(" 7777\n"));
-  EXPECT_THAT(commands, HasSubstr(" 0.001234\n"));
-  EXPECT_LT(commands.size(), 80'000u);
-}
-
-TEST(Gnuplot, draws_a_run_of_which_nothing_came_back) {
-  auto lost = summary(asked("a", "udp"), outcome(), 0), other = summary(asked("a", "fastdds"), outcome());
-  lost.sent = lost.lost = 100;
-  other.shape.round_trip = {{100'000, 106'250, 2000}};
-  const auto commands = gnuplot_of({other, lost}, {Plot::Figure::ccdf, Plot::Form::svg, false});
-  EXPECT_EQ(found_in(commands, "\\$run1 << END\n([0-9.e-]+ 1\n[0-9.e-]+ 1\n)END").size(), 1u) << commands;
-}
-
-Summary plotted(const std::string& id, const std::string& transport, std::uint64_t repetition = 1) {
-  auto request = asked(id, transport);
-  request["repetition"] = repetition;
-  auto run = summary(request, outcome(), 2000);
-  run.shape.slice_ns = 10 * ms;
-  run.shape.slices = {{.sent = 2000, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = 9 * ms}};
-  run.shape.round_trip = {{100'000, 104'427, 1990}, {8'000'000, 8'354'210, 10}};
-  run.round_trip = statistics::distribution({100'000, 8 * ms});
-  return run;
-}
-
-TEST(Gnuplot, LostMessagesStandAboveAllThatWasAnswered) {
-  auto run = plotted("a", "udp");
-  run.lost = run.shape.slices.front().lost = 3;
-  const auto commands = gnuplot_of({run}, {});
-  EXPECT_THAT(commands, HasSubstr("$lost0 << END\n0.005 0.95\n"));
-  EXPECT_THAT(commands, HasSubstr("$lost0 axes x1y2 with points"));
-  const auto greatest = found_in(commands, "set yrange \\[[^:]*:([0-9.]+)\\]");
-  ASSERT_EQ(greatest.size(), 1u);
-  EXPECT_GT(std::stod(greatest[0]), 10 * 1.6) << "room above the deadline of 10 ms";
-}
-
-// Ages by a simulated clock, say. A logarithmic axis has no 0: gnuplot leaves out what stands there.
-TEST(Gnuplot, TimesOfNothingStandAtTheLowerEndOfTheAxis) {
-  auto run = plotted("a", "udp");
-  run.shape.slices.front().min_ns = run.shape.slices.front().p50_ns = 0;
-  run.shape.round_trip = {{0, 2, 1000}, {100'000, 104'427, 990}, {8'000'000, 8'354'210, 10}};
-  run.round_trip.min = 0;
-  run.round_trip.count = 2000;
-  run.round_trip[statistics::Figure::p50] = 0;
-  run.round_trip_certainty[statistics::Figure::p50].sure = {0, 100'000};
-  const auto lower_end = fmt::format("{:.6g}", 0.1 / 1.4);
-  const auto of = [&](Plot::Figure figure) { return gnuplot_of({run}, {figure, Plot::Form::svg, false}); };
-  EXPECT_THAT(of(Plot::Figure::time), HasSubstr("$extents0 << END\n0.005 " + lower_end + "\n0.005 9\n"));
-  EXPECT_THAT(of(Plot::Figure::time), HasSubstr("$medians0 << END\n0.005 " + lower_end + "\n"));
-  EXPECT_THAT(of(Plot::Figure::ccdf), HasSubstr("$run0 << END\n" + lower_end + " 1\n"));
-  EXPECT_THAT(of(Plot::Figure::conditions), HasSubstr("$points0 << END\n" + lower_end + " "));
-  EXPECT_THAT(of(Plot::Figure::conditions), HasSubstr("$extents << END\n" + lower_end + " "));
-  EXPECT_THAT(of(Plot::Figure::payload), HasSubstr("$run0 << END\n500 " + lower_end + " "));
-  for (const auto figure :
-       {Plot::Figure::time, Plot::Figure::ccdf, Plot::Figure::conditions, Plot::Figure::payload})
-    EXPECT_THAT(of(figure), HasSubstr("range [0.0714")) << "from the least time above 0";
-}
-
-TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
-  Summaries runs;
-  for (const auto* id : {"A", "B", "C"})
-    for (const auto* transport : {"udp", "cyclonedds", "fastdds", "opendds"}) {
-      auto run = plotted(id, transport);
-      amend(run.run.asked, "/title",
-            "A system under a load that takes a good many words to describe in full");
-      runs.push_back(run);
-    }
-  const auto commands = gnuplot_of(runs, {Plot::Figure::time, Plot::Form::pdf, true});
-  for (const auto& run : runs)
-    EXPECT_THAT(commands,
-                HasSubstr("'" + run.run.asked.id + " " + run.run.asked.task.transport + ": A system under"));
-  EXPECT_EQ(found_in(commands, "('[^']*…')").size(), runs.size()) << "all of the 60 letters that a title has";
-  for (const auto& label : found_in(commands, "set label '([^']*)'"))
-    EXPECT_LE(static_cast<double>(label.size()) * plot::letter_cm, 18.2 / 2) << label;
-  for (const auto* key : {"from the fastest to the slowest", "median", "deadline 10 ms"})
-    EXPECT_THAT(commands, HasSubstr(std::string("set label '") + key));
-}
-
-TEST(Gnuplot, FigureOverTimeSaysWhyARunOfTheFlightRecorderIsEmpty) {
-  auto run = plotted("a", "udp");
-  EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));
-  run.has_worst_only = true;
-  run.shape.slices.clear();
-  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("Not drawn: only the worst messages were kept."));
-}
-
-TEST(Gnuplot, CcdfDrawsTheDeadlineOfEachRun) {
-  auto one = plotted("a", "udp"), other = plotted("b", "udp");
-  amend(other.run.asked, "/deadline_us", 20'000);
-  const auto commands = gnuplot_of({one, other}, {Plot::Figure::ccdf, Plot::Form::svg, false});
-  EXPECT_THAT(commands, HasSubstr("set arrow from 10, graph 0 to 10, graph 1"));
-  EXPECT_THAT(commands, HasSubstr("set arrow from 20, graph 0 to 20, graph 1"));
-  EXPECT_THAT(commands, HasSubstr("deadlines 10 ms, 20 ms"));
-}
-
-TEST(Gnuplot, CcdfFallsWhereTheMessagesAreAndNotWhereTheNextOneIs) {
-  auto run = plotted("a", "udp");
-  run.shape.round_trip = {{10'000'000, 10'442'738, 99}, {9'800'000'000, 10'233'883'000, 1}};
-  run.round_trip.count = 100;
-  run.round_trip.max = 10'000'000'000;
-  run.lost = 0;
-  const auto commands = gnuplot_of({run}, {Plot::Figure::ccdf, Plot::Form::svg, false});
-  EXPECT_THAT(commands, HasSubstr("$run0 << END\n10 1\n10.4427 0.01\n9800 0.01\n10000 "));
-}
-
-TEST(Gnuplot, AxesHaveNumbersThatCanBeRead) {
-  auto run = plotted("a", "udp");
-  EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload, Plot::Form::svg, false}),
-              HasSubstr("set xtics (500)"));
-  run.shape.round_trip = {{100, 104, 990}, {100'000'000'000, 104'427'000'000, 10}};
-  run.round_trip.min = 100;
-  run.round_trip.max = 100'000'000'000;
-  const auto wide = gnuplot_of({run}, {Plot::Figure::ccdf, Plot::Form::svg, false});
-  EXPECT_THAT(wide, HasSubstr("'1 ms' 1,"));
-  EXPECT_THAT(wide, HasSubstr("'' 10 1,"));
-}
-
-TEST(Gnuplot, LossThatIsNotKnownIsNotNone) {
-  auto run = plotted("a", "udp");
-  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr(" lost of "));
-  run.run.outcome.loss_unknown = true;
-  for (const auto figure : {Plot::Figure::time, Plot::Figure::conditions})
-    EXPECT_THAT(gnuplot_of({run}, {figure, Plot::Form::svg, false}), HasSubstr("; lost unknown"));
-}
-
-TEST(Gnuplot, CcdfDrawsRepetitionsAsOneLineWithTheirSpread) {
-  const Summaries runs{plotted("a", "udp", 1), plotted("a", "udp", 2), plotted("a", "fastdds")};
-  const auto commands = gnuplot_of(runs, {Plot::Figure::ccdf, Plot::Form::svg, false});
-  EXPECT_EQ(found_in(commands, "(with steps)").size(), 2u);
-  EXPECT_THAT(commands, HasSubstr("'a udp: System under load (2 runs)'"));
-  EXPECT_THAT(commands, HasSubstr("$band0 using 1:2:3 with filledcurves"));
-  EXPECT_THAT(commands, HasSubstr("best to worst of the repetitions"));
-}
-
-TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
-  auto first = plotted("a", "udp", 1), second = plotted("a", "udp", 2);
-  second.round_trip[statistics::Figure::p50] = 300'000;
-  second.late = 7;
-  const auto commands = gnuplot_of({first, second, plotted("a", "fastdds")},
-                                   {Plot::Figure::conditions, Plot::Form::svg, false});
-  EXPECT_EQ(found_in(commands, "\\$points0 << END\n([^\n]*\n[^\n]*\n)END").size(), 1u) << "two rows";
-  EXPECT_THAT(commands, HasSubstr("7 late, 0 lost of 4,000 in 2 runs"));
-  EXPECT_THAT(commands, HasSubstr("$bars0 << END\n0.1 "));
-  EXPECT_THAT(commands, HasSubstr("\n0.3 "));
-  for (const auto* name : {"p50", "max"})
-    EXPECT_THAT(commands, HasSubstr(std::string("set label '") + name + "'"));
-  EXPECT_THAT(commands, Not(HasSubstr("set label 'p99"))) << "too few messages: it is not drawn";
-}
-
-TEST(Gnuplot, ConditionsDrawsNoBarWhereARunHasNoInterval) {
-  auto run = plotted("a", "udp");
-  const auto of_run = [&] { return gnuplot_of({run}, {Plot::Figure::conditions, Plot::Form::svg, false}); };
-  EXPECT_THAT(of_run(), HasSubstr("$points0 << END\n"));
-  EXPECT_THAT(of_run(), Not(HasSubstr("$bars"))) << "a bar to the edge would claim a lower limit";
-  auto& sure = run.round_trip_certainty[statistics::Figure::p50].sure;
-  sure.low = 90'000;
-  EXPECT_THAT(of_run(), HasSubstr("$bars0 << END\n0.09 ")) << "no upper limit: to the edge at 16 ms";
-  EXPECT_THAT(of_run(), HasSubstr("\n16 "));
-  sure.high = 7'000'000;
-  EXPECT_THAT(of_run(), HasSubstr("\n7 "));
-}
-
-// Round trips from that on, spread over 100 µs.
-Summary measured(const json& asked, std::int64_t base_ns) {
-  std::mt19937_64 random(static_cast<std::uint64_t>(base_ns));
-  record::Writer writer("");
-  std::vector<Sample> samples;
-  for (std::uint64_t i = 0; i < 2000; ++i)
-    samples.push_back(sample(i, base_ns + static_cast<std::int64_t>(random() % 100'000)));
-  const auto run = writer.begin_run(asked);
-  writer.append(run, samples);
-  writer.end_run(run, outcome());
-  const auto reader = writer.reader();
-  return statistics::summarise(reader, reader.runs().front());
-}
-Summary measured(const char* id, std::int64_t base_ns) { return measured(asked(id, "udp"), base_ns); }
-
-TEST(Gnuplot, RunThatWasNotAsAskedSaysSoAndIsNotPooledWithOthers) {
-  auto good = plotted("a", "udp", 1), cut = plotted("a", "udp", 2), failed = plotted("a", "fastdds");
-  amend(cut.run.outcome, "/interrupted", true);
-  amend(failed.run.outcome, "/error", "no answer");
-  const auto over_time = gnuplot_of({good, cut, failed}, {});
-  EXPECT_THAT(over_time, HasSubstr("'a udp #1: System under load'"));
-  EXPECT_THAT(over_time, HasSubstr("'a udp #2: System under load (CUT OFF)'"));
-  EXPECT_THAT(over_time, HasSubstr("'a fastdds #1: System under load (FAILED)'"));
-  for (const auto figure : {Plot::Figure::ccdf, Plot::Figure::conditions}) {
-    const auto commands = gnuplot_of({good, cut, failed}, {figure, Plot::Form::svg, false});
-    EXPECT_THAT(commands, HasSubstr("'a udp: System under load'"));
-    EXPECT_THAT(commands, HasSubstr("'a fastdds: System under load (FAILED)'")) << "it is all there is of it";
-    EXPECT_THAT(commands, Not(HasSubstr("runs")));
-  }
-}
-
-TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
-  const Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
-  const auto commands = gnuplot_of(compare_chosen(from, to), {});
-  for (const auto* text :
-       {"A: before udp (1 run)", "B: after udp (1 run)", "p50", "p99", "Round trip, B / A"})
-    EXPECT_THAT(commands, HasSubstr(std::string("set label '") + text + "'"));
-  const auto p50 = found_in(commands, "\\$change0_1 << END\n([0-9.]+) ");
-  ASSERT_EQ(p50.size(), 1u);
-  EXPECT_NEAR(std::stod(p50[0]), 850.0 / 450, 0.1);
-  EXPECT_THAT(commands, HasSubstr("B is slower"));
-  EXPECT_EQ(gnuplot_of(Comparison{}, {}), "") << "nothing to draw";
-}
-
-TEST(Gnuplot, ChangeHasTheVerdictOfTheTable) {
-  // The mean is less, yet runs differ so much that the bar reaches across × 1.
-  Summaries from, to;
-  for (int i = 1; i <= 3; ++i) {
-    from.push_back(measured(asked("before", "udp", i), 700'000 + i * 1000));
-    to.push_back(measured(asked("after", "udp", i), i == 1 ? 1'000 : 300'000 + i * 1000));
-  }
-  const auto comparison = compare_chosen(from, to);
-  ASSERT_EQ(comparison.pairs.size(), 1u);
-  const auto change =
-      change_of(comparison.pairs[0], statistics::Times::round_trip, statistics::Figure::mean).value();
-  ASSERT_LT(change.difference_lies.high.value_or(1), 0);
-  ASSERT_GT(change.ratio_lies.high.value_or(2), 1);
-  ASSERT_EQ(change.verdict(), statistics::Verdict::cannot_tell);
-  EXPECT_THAT(gnuplot_of(comparison, {}),
-              Not(::testing::ContainsRegex("change0_0 using [^\n]*linecolor rgb '#0072b2'")));
-}
-
-TEST(Gnuplot, ChangeIsOfWhatWasMeasured) {
-  Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
-  for (auto* runs : {&from, &to}) amend(runs->front().run.asked, "/measures", "age");
-  EXPECT_THAT(gnuplot_of(compare_chosen(from, to), {}), HasSubstr("set label 'Age, B / A'"));
-}
-
-TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
-  const Summaries from{measured("before", 400'000)}, to{measured("after", 400'000'000)};
-  const auto commands = gnuplot_of(compare_chosen(from, to), {});
-  const auto p50 = found_in(commands, "\\$change0_1 << END\n([0-9.]+) ");
-  const auto edge = found_in(commands, "set xrange \\[[^:]*:([0-9.]+)\\]");
-  ASSERT_EQ(p50.size(), 1u);
-  ASSERT_EQ(edge.size(), 1u);
-  EXPECT_NEAR(std::stod(p50[0]), 400'050.0 / 450, 20);
-  EXPECT_GT(std::stod(edge[0]), std::stod(p50[0]));
-  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10' 10, '× 100' 100"));
-}
-
-TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
-  const Summaries from{measured("before", 400'000)}, to{measured("after", 200'000'000'000'000'000)};
-  const auto commands = gnuplot_of(compare_chosen(from, to), {});
-  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10000' 10000, '× 1e+08' 1e+08)"));
 }
 
 }  // namespace

@@ -383,5 +383,22 @@ TEST(Remarks, TellNotesWithTheirMoment) {
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("listened 40 % of the time; late (message 17)"));
 }
 
+TEST(Remarks, RateIsNotReachedFromFivePercentOfSkippedCyclesOn) {
+  auto run = summary(asked("x", "udp"), outcome(), 9500);
+  const auto is_caution = [&] {
+    const auto all = remarks_of(run);
+    const auto found = std::ranges::find_if(
+        all, [](const Remark& one) { return one.text.find("skipped") != std::string::npos; });
+    return found != all.end() && found->weight == Remark::Weight::caution;
+  };
+  run.skipped_cycles = 500;
+  EXPECT_FALSE(is_caution());
+  EXPECT_THAT(remarks(run), HasSubstr("skipped cycles: 500"));
+  run.skipped_cycles = 1000;
+  EXPECT_TRUE(is_caution());
+  run.lost = 5000;
+  EXPECT_TRUE(is_caution()) << "whatever became of the messages that were sent";
+}
+
 }  // namespace
 }  // namespace ontime::report

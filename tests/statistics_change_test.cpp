@@ -271,6 +271,23 @@ TEST(Change, MaximumIsTheGreatestOfAllRunsAndHasNoVerdict) {
   EXPECT_EQ(max.tendency, Tendency::unclear);
 }
 
+TEST(Change, MaximaHaveARatioUpToATenthMoreValues) {
+  std::vector<Summary> a(2), b(2);
+  for (auto* runs : {&a, &b})
+    for (auto& run : *runs) {
+      run.round_trip.count = run.response.count = 1000;
+      run.round_trip.max = run.response.max = 100;
+    }
+  b[1].round_trip.count = 1200;
+  EXPECT_EQ(change_of(a, b, Figure::max)->ratio, 1.0) << "2,200 and 2,000";
+  b[1].round_trip.count = 1201;
+  for (const auto& found : {*change_of(a, b, Figure::max), *change_of(b, a, Figure::max)}) {
+    EXPECT_TRUE(found.is_of_unequal_numbers);
+    EXPECT_FALSE(found.ratio);
+  }
+  EXPECT_TRUE(change(all_of(a), all_of(b), Times::response, Figure::max)->ratio) << "as many cycles";
+}
+
 TEST(Change, PercentileOfTooFewMessagesIsUnknown) {
   Random random(17);
   const auto enough = repetitions(kinds().front(), 3, 1000, 0, 1, random),

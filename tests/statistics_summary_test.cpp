@@ -1,19 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <limits>
-#include <numeric>
 #include <random>
 
 #include <gmock/gmock.h>
-#include <gtest/gtest.h>
 
-#include "statistics/statistics.hpp"
+#include "statistics_samples.hpp"
 
 namespace ontime::statistics {
 namespace {
 
-using roundtrip::Fate;
-using roundtrip::Sample;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 
@@ -34,25 +30,6 @@ Sample random_sample(std::uint64_t index, std::mt19937_64& random) {
   const auto longest_ns = std::min<std::int64_t>(sample.received_ns - sample.sent_ns, 100'000);
   sample.server_sent_ns = sample.server_received_ns + some_ns(static_cast<std::uint64_t>(longest_ns));
   return sample;
-}
-
-constexpr std::int64_t us = 1000, ms = 1'000'000;
-
-const nlohmann::json asked_next_free = {{"schedule", "next-free"},
-                                        {"period_us", 10'000.0},
-                                        {"deadline_us", 10'000.0},
-                                        {"timeout_us", 500'000.0},
-                                        {"duration_s", 100.0}};
-
-Summary summary_of(const std::vector<Sample>& samples, const nlohmann::json& asked,
-                   const nlohmann::json& outcome = nullptr) {
-  record::Writer writer("");
-  const auto run = writer.begin_run(asked);
-  writer.append(run, samples);
-  if (!outcome.is_null()) writer.end_run(run, outcome);
-  writer.flush();
-  const auto reader = writer.reader();
-  return summarise(reader, reader.runs().at(0));
 }
 
 // The definition, word by word: how long each cycle waited.
@@ -179,26 +156,6 @@ TEST(Summary, IsNotSureOfWhatWasNotRecorded) {
   EXPECT_EQ(missing.missed_probability.messages, 0U);
   EXPECT_FALSE(missing.extremes.maxima || missing.extremes.peaks);
   EXPECT_EQ(missing.extremes.refused, "1500 samples were not recorded");
-}
-
-Sample answered(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped, std::int64_t took_ns) {
-  Sample sample{};
-  sample.index = index;
-  sample.intended_ns = intended_ns;
-  sample.due_ns = intended_ns + skipped * 10 * ms;
-  sample.skipped_cycles = static_cast<std::uint32_t>(skipped);
-  sample.woke_ns = sample.due_ns + 50 * us;
-  sample.sent_ns = sample.woke_ns + us;
-  sample.received_ns = sample.sent_ns + took_ns;
-  sample.fate = took_ns > 10 * ms ? Fate::late : Fate::on_time;
-  return sample;
-}
-
-Sample lost(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped) {
-  auto sample = answered(index, intended_ns, skipped, 0);
-  sample.received_ns = 0;
-  sample.fate = Fate::lost;
-  return sample;
 }
 
 TEST(Summary, ListenedRunHasNoProbabilityForUnknownFates) {
@@ -467,162 +424,6 @@ TEST(Parts, SynchronisedClocksAddTheirErrors) {
   EXPECT_FALSE(with(12 * us, client, clock(true, nullptr, 0)).parts);
   EXPECT_FALSE(with(12 * us, client, clock(true, -1, 0)).parts);
   EXPECT_FALSE(with(12 * us, client, nlohmann::json()).parts);
-}
-
-TEST(Shape, HidesNoExtreme) {
-  std::mt19937_64 random(9);
-  std::vector<Sample> samples;
-  std::int64_t due_ns = 1000 * ms;
-  for (std::uint64_t index = 0; index < 20'000; ++index) {
-    const auto skipped = static_cast<std::int64_t>(random() % 500 == 0 ? random() % 400 : 0);
-    const auto took_ns =
-        static_cast<std::int64_t>(50 * us + (random() % 300 == 0 ? random() % (40 * ms) : 0));
-    samples.push_back(random() % 400 == 0 ? lost(index, due_ns, skipped)
-                                          : answered(index, due_ns, skipped, took_ns));
-    due_ns = samples.back().due_ns + 10 * ms;
-  }
-  const auto summary = summary_of(samples, asked_next_free);  // it says 100 s, which is less than half of it
-  const auto& shape = summary.shape;
-  ASSERT_LE(shape.slices.size(), 2000u);
-  EXPECT_EQ(shape.slice_ns, 200 * ms);
-  Slice all;
-  for (const auto& slice : shape.slices) {
-    all.sent += slice.sent;
-    all.late += slice.late;
-    all.lost += slice.lost;
-    all.skipped_cycles += slice.skipped_cycles;
-    all.max_ns = std::max(all.max_ns, slice.max_ns);
-    all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
-    EXPECT_LE(slice.min_ns, slice.p50_ns);
-    EXPECT_LE(slice.p50_ns, slice.max_ns);
-  }
-  EXPECT_EQ(all.sent, summary.sent);
-  EXPECT_EQ(all.late, summary.late);
-  EXPECT_EQ(all.lost, summary.lost);
-  EXPECT_EQ(all.skipped_cycles, summary.skipped_cycles);
-  EXPECT_EQ(all.max_ns, summary.round_trip.max);
-  EXPECT_EQ(all.response_max_ns, summary.response.max);
-  const auto count = [](const Histogram& bins) {
-    return std::accumulate(bins.begin(), bins.end(), std::uint64_t{0},
-                           [](auto sum, const Bin& bin) { return sum + bin.count; });
-  };
-  EXPECT_EQ(count(shape.round_trip), summary.round_trip.count);
-  EXPECT_EQ(count(shape.response), summary.response.count);
-}
-
-// A robot's own messages are listened to without a stated duration: 3 h, two messages a second.
-TEST(Shape, LongRunWithoutADurationReachesToItsEnd) {
-  auto asked = asked_next_free;
-  asked.erase("duration_s");
-  constexpr std::int64_t hours_s = 3 * 3600;
-  std::vector<Sample> samples;
-  for (std::int64_t i = 0; i < 2 * hours_s; ++i)
-    samples.push_back(answered(static_cast<std::uint64_t>(i), 1000 * ms + i * 500 * ms, 0, (i % 9 + 1) * us));
-  const auto worst = static_cast<std::size_t>(2 * 2 * 3600);  // after two hours
-  samples[worst] = answered(worst, samples[worst].due_ns, 0, 70 * ms);
-  samples[worst + 1] = lost(worst + 1, samples[worst + 1].due_ns, 0);
-  const auto shape = summary_of(samples, asked).shape;
-  EXPECT_LE(shape.slices.size(), 2000u);
-  EXPECT_EQ(static_cast<std::int64_t>(shape.slices.size()) * shape.slice_ns, hours_s * 1000 * ms);
-  const auto place = static_cast<std::size_t>(2 * 3600 * 1000 * ms / shape.slice_ns);
-  for (std::size_t i = 0; i < shape.slices.size(); ++i) {
-    const auto& slice = shape.slices[i];
-    EXPECT_EQ(slice.sent, 2u * static_cast<std::uint64_t>(shape.slice_ns / (1000 * ms)));
-    EXPECT_EQ(slice.lost, i == place ? 1u : 0u);
-    EXPECT_EQ(slice.max_ns == 70 * ms, i == place) << i;
-    EXPECT_LE(slice.min_ns, slice.p50_ns);
-    EXPECT_LE(slice.p50_ns, 9 * us) << "as most of its messages, not as the worst";
-  }
-}
-
-TEST(Shape, StallOfHoursIsInEachOfItsSlices) {
-  auto asked = asked_next_free;
-  asked["duration_s"] = 1.0;
-  const auto summary = summary_of(
-      {answered(0, 1000 * ms, 0, us), answered(1, 1010 * ms, 0, us), answered(2, 1020 * ms, 360'000, us)},
-      asked);
-  const auto& slices = summary.shape.slices;
-  ASSERT_LE(slices.size(), 2000u);
-  std::uint64_t skipped = 0;
-  for (const auto& slice : slices) {
-    skipped += slice.skipped_cycles;
-    EXPECT_GT(slice.skipped_cycles, 0u);
-  }
-  EXPECT_EQ(skipped, 360'000u);
-  EXPECT_EQ(slices.front().sent, 2u);
-  EXPECT_GT(slices.front().p50_ns, 0);
-  EXPECT_EQ(slices.back().sent, 1u);
-}
-
-// 400 messages in one bin of the histogram.
-TEST(SlowerThan, CountsMessagesAndNotBins) {
-  std::vector<Sample> samples;
-  for (std::int64_t i = 0; i < 400; ++i)
-    samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000 + 10 * i));
-  const auto summary = summary_of(samples, {});
-  const auto events = [&](double limit_ns) {
-    const auto [least, most] = slower_than(summary, Times::round_trip, limit_ns);
-    return std::pair(least.events, most.events);
-  };
-  EXPECT_EQ(events(333'359), std::pair(64UL, 64UL));
-  EXPECT_EQ(events(333'360), std::pair(63UL, 63UL));
-  EXPECT_EQ(events(333'990), std::pair(0UL, 0UL));
-  EXPECT_EQ(events(329'999), std::pair(400UL, 400UL));
-  for (std::uint64_t slower = 0; slower < 400; ++slower) {
-    const auto [least, most] = events(333'990 - 10 * static_cast<double>(slower));
-    EXPECT_LE(least, slower);
-    EXPECT_GE(most, slower);
-    EXPECT_LE(static_cast<double>(most - least), static_cast<double>(slower) * 0.022 + 1) << slower;
-  }
-}
-
-TEST(Shape, ShowsAStallWhereItWas) {
-  const auto summary = summary_of(
-      {answered(0, 1000 * ms, 0, us), answered(1, 1010 * ms, 300, us), answered(2, 4020 * ms, 0, us)},
-      asked_next_free);
-  const auto& slices = summary.shape.slices;  // of 100 ms
-  ASSERT_EQ(slices.size(), 31u);
-  EXPECT_EQ(slices[0].sent, 1u);
-  EXPECT_EQ(slices[0].skipped_cycles, 9u);
-  EXPECT_EQ(slices[15].sent, 0u);
-  EXPECT_EQ(slices[15].skipped_cycles, 10u);
-  EXPECT_EQ(slices[15].response_max_ns, 1510 * ms + 52 * us) << "from 1.5 s after the start to the answer";
-  EXPECT_EQ(slices[30].sent, 2u);
-}
-
-TEST(Shape, KeepsTheWorstWithTheirBackground) {
-  std::vector<Sample> samples;
-  for (std::uint64_t index = 0; index < 100; ++index)
-    samples.push_back(answered(index, static_cast<std::int64_t>(index) * 10 * ms, 0,
-                               static_cast<std::int64_t>(index % 37 + 1) * 10 * us));
-  const auto worst = summary_of(samples, asked_next_free).shape.worst;
-  ASSERT_EQ(worst.size(), 10u);
-  EXPECT_EQ(worst[0].took_ns, 370 * us + 51 * us);
-  for (std::size_t i = 0; i < worst.size(); ++i) {
-    const auto index = worst[i].message.index;
-    if (i > 0) {
-      EXPECT_LE(worst[i].took_ns, worst[i - 1].took_ns);
-    }
-    if (index > 0) {
-      EXPECT_EQ(worst[i].before.value().index, index - 1);
-    }
-    if (index < 99) {
-      EXPECT_EQ(worst[i].after.value().index, index + 1);
-    }
-  }
-}
-
-TEST(Shape, BlamesAWaitOnWhoCausedIt) {
-  // The first answer comes after 35 ms; the next three cycles waited for it, not for the message after it.
-  const auto late =
-      summary_of({answered(0, 0, 0, 35 * ms), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
-  EXPECT_EQ(late.shape.worst.at(0).message.index, 0u);
-  EXPECT_LT(late.shape.worst.at(1).took_ns, 10 * ms);
-  // A sender that slept through as many cycles has only itself to blame.
-  const auto slept =
-      summary_of({answered(0, 0, 0, 100 * us), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
-  EXPECT_EQ(slept.shape.worst.at(0).message.index, 1u);
-  EXPECT_EQ(slept.shape.worst.at(0).took_ns, 30 * ms + 151 * us);
 }
 
 }  // namespace

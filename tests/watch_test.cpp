@@ -232,14 +232,25 @@ TEST_F(Forms, TextHasNoTerminalEscapes) {
   EXPECT_THAT(text_of({}), HasSubstr("no run yet"));
 }
 
-TEST_F(Forms, CompleteRunShowsItsWholeDuration) {
-  auto one = progress();
-  one.state = State::ended;
-  one.elapsed_s = 58.99;
-  one.run.outcome = json{{"interrupted", false}};
-  EXPECT_THAT(text_of(one), HasSubstr("1:00 of 1:00  (ended)"));
-  one.state = State::waiting;
-  EXPECT_THAT(text_of(one), HasSubstr("1:00 of 1:00  (ended; the next"));
+TEST_F(Forms, CompleteRunShowsHowLongItWasMeasured) {
+  auto request = asked();
+  request["period_us"] = 10'000;
+  const auto shown = [&](const std::vector<roundtrip::Sample>& samples, json outcome) {
+    record::Writer writer(path_);
+    const auto run = writer.begin_run(request);
+    writer.append(run, samples);
+    outcome["interrupted"] = false;
+    writer.end_run(run, outcome);
+    writer.flush();
+    return text_of(Follower(path_).look());
+  };
+  const auto end_ns = usual(0, 1).front().intended_ns + 60'000'000'000;
+  EXPECT_THAT(shown(usual(0, 6000), {}), HasSubstr("1:00 of 1:00  (ended)"));
+  EXPECT_THAT(shown(usual(0, 1000), {{"sent", 1000}, {"trailing_until_ns", end_ns}}),
+              HasSubstr("1:00 of 1:00  (ended)"))
+      << "the sender stood still to the end";
+  for (const auto& outcome : {json::object(), json{{"sent", 6000}, {"trailing_until_ns", end_ns}}})
+    EXPECT_THAT(shown(usual(0, 1000), outcome), HasSubstr("0:10 of 1:00  (ended)"));
 }
 
 TEST_F(Forms, RunThatDidNotReachItsEndSaysWhy) {

@@ -73,10 +73,11 @@ std::string in_ms(std::int64_t ns) {
 }
 
 std::string clock_of(std::int64_t at_ns) {
-  const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
-      std::chrono::system_clock::time_point(std::chrono::nanoseconds(at_ns)));
-  return fmt::format("{:%T}.{:03}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                     at.time_since_epoch().count() % 1000);
+  using namespace std::chrono;
+  const system_clock::time_point at{nanoseconds(at_ns)};
+  const auto second = floor<seconds>(at);  // before 1970, too
+  return fmt::format("{:%T}.{:03}", fmt::localtime(system_clock::to_time_t(second)),
+                     floor<milliseconds>(at - second).count());
 }
 
 std::string words_of(const listen::Party& party, const char* unknown) {

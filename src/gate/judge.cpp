@@ -383,7 +383,7 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   auto says = fmt::format("{} went from {} to {}", figure_of(gate), value_of(gate, change.from),
                           value_of(gate, change.to));
   if (!change.repeated && single_runs == SingleRuns::open) return open(says + ": " + one_run);
-  if (!change.difference_lies.low)  // whatever is measured, it could not be shown to be worse
+  if (!change.lies().low)  // whatever is measured, it could not be shown to be worse
     return open(says + ": " + too_few);
   if (gate.kind == Gate::Limit::difference && !change.ratio) {
     says += ", " + interval(change.difference_lies,

@@ -49,7 +49,10 @@ json slices_of(const statistics::Shape& shape) {
       stalls.push_back({medians.size(), slice.skipped_cycles, drawn(slice.response_max_ns)});
     medians.push_back(slice.sent > slice.lost ? json(drawn(slice.p50_ns)) : json());
   }
-  return {{"slice_ns", shape.slice_ns}, {"medians", medians}, {"stalls", stalls}};
+  return {{"slice_ns", shape.slice_ns},
+          {"medians", medians},
+          {"stalls", stalls},
+          {"beyond", shape.beyond.size()}};
 }
 
 // The greater of the two methods' bounds, where the data allow one.

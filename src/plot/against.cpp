@@ -64,14 +64,14 @@ std::string line_of(const Summary& summary, const Abscissa& abscissa) {
 }
 
 bool missed_any(const Summary& summary) {
-  return summary.late + summary.lost + summary.skipped_cycles > 0 || summary.run.outcome.error ||
+  return summary.late + summary.lost + summary.skipped_cycles > 0 || !statistics::is_complete(summary.run) ||
          !gate::absent(summary.run.asked, summary.run.outcome).empty();
 }
 
 // x, the median of the repetitions, their lowest and their highest; nothing where too few were answered.
 std::string place(double x, const Group& runs, Figure figure, const Range& range) {
   std::vector<double> values;
-  for (const auto* run : runs)
+  for (const auto* run : sound_of(runs))
     if (run->round_trip.count >= statistics::metric_of(figure).one_in)
       values.push_back(range.at(run->round_trip[figure]));
   if (values.empty()) return "";
@@ -152,7 +152,9 @@ std::string plot_against(const Group& group, const Plot& plot) {
   entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
   entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
   if (any_repeated) entries.push_back({"bars: lowest to highest repetition"});
-  if (any_missed) entries.push_back({"late, lost, or load shortfall", "", "pointtype 2 pointsize 0.5"});
+  if (any_missed)
+    entries.push_back(
+        {"late, lost, skipped, cut off, failed, or load shortfall", "", "pointtype 2 pointsize 0.5"});
 
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);

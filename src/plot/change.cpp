@@ -34,20 +34,26 @@ struct Panel {
 // "15.8 → 0.197 ms", of the unit that the greater one has.
 std::string times_text(double from_ns, double to_ns) {
   const auto greatest = std::max(from_ns, to_ns);
-  const auto [unit, size] = greatest >= 1e9   ? std::pair{"s", 1e9}
-                            : greatest >= 1e6 ? std::pair{"ms", 1e6}
-                            : greatest >= 1e3 ? std::pair{"µs", 1e3}
-                                              : std::pair{"ns", 1.0};
+  const auto [unit, size] = greatest >= 999.5e6   ? std::pair{"s", 1e9}
+                            : greatest >= 999.5e3 ? std::pair{"ms", 1e6}
+                            : greatest >= 999.5   ? std::pair{"µs", 1e3}
+                                                  : std::pair{"ns", 1.0};
   return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
 }
 
-std::string side_text(const char* side, const Comparison::Runs& runs) {
-  return fmt::format("{}: {} ({})", side, gate::name_of(runs), many(runs.size(), "run", "runs"));
+// Runs of one name are told apart by their files.
+std::vector<std::string> sides_text(const Comparison& comparison, const Comparison::Pair& pair) {
+  const bool is_one_name = gate::name_of(pair.from) == gate::name_of(pair.to);
+  const auto text = [&](const char* side, const std::string& of, const Comparison::Runs& runs) {
+    return fmt::format("{}: {}{} ({})", side, is_one_name ? of + ", " : "", gate::name_of(runs),
+                       many(runs.size(), "run", "runs"));
+  };
+  return {text("A", comparison.from_name, pair.from), text("B", comparison.to_name, pair.to)};
 }
 
-Panel panel_of(const Comparison::Pair& pair, double width_cm) {
+Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, double width_cm) {
   Panel panel;
-  for (const auto& text : {side_text("A", pair.from), side_text("B", pair.to)})
+  for (const auto& text : sides_text(comparison, pair))
     for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
   for (const auto& [times, figure] : ratios)
     if (const auto change = report::change_of(pair, times, figure); change && change->ratio)
@@ -55,11 +61,13 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   for (const auto& [times, figure] : shares)
     if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
-      const auto& [low, high] = change->difference_lies;
-      panel.notes.push_back(fmt::format(
-          "{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure), change->from * 100,
-          change->to * 100,
-          low && high ? fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100) : ""));
+      const auto& [low, high] = change->lies();
+      const auto lies = !low || !high ? ""
+                        : change->ratio
+                            ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
+                            : fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100);
+      panel.notes.push_back(fmt::format("{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure),
+                                        change->from * 100, change->to * 100, lies));
     }
   return panel;
 }
@@ -143,7 +151,7 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
   Group all;
   bool is_repeated = true;
   for (const auto& pair : comparison.pairs) {
-    auto panel = panel_of(pair, width - 0.5);
+    auto panel = panel_of(comparison, pair, width - 0.5);
     if (panel.rows.empty()) continue;
     panels.push_back(std::move(panel));
     for (const auto* runs : {&pair.from, &pair.to}) all.insert(all.end(), runs->begin(), runs->end());

@@ -46,6 +46,9 @@ struct Range {
 Range range_of(const Group&);
 double least_positive_ms(const statistics::Summary&);  // to within a bin of its histogram; 1e12 if none is
 
+// Those that were measured to their end and as requested; all, if none was.
+Group sound_of(const Group&);
+
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
   bool knows_loss = false;  // of a run at least

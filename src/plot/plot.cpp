@@ -149,12 +149,22 @@ std::string text_of(const Counts& counts) {
   return text;
 }
 
+Group sound_of(const Group& runs) {
+  Group sound = runs;
+  std::erase_if(sound, is_flawed);
+  return sound.empty() ? runs : sound;
+}
+
 std::vector<const Summary*> left_out(const Summaries& summaries, const Plot& plot) {
   Group out;
-  if (plot.figure != Plot::Figure::ccdf && plot.figure != Plot::Figure::conditions) return out;
+  if (plot.figure == Plot::Figure::time) return out;
+  // Against what was varied, a run that failed or lacked its load has a mark.
+  const bool marks = plot.figure == Plot::Figure::payload || plot.figure == Plot::Figure::background;
   for (const auto& condition : conditions_of(last_of(summaries)))
-    if (!std::ranges::all_of(condition.runs, is_flawed))
-      std::ranges::copy_if(condition.runs, std::back_inserter(out), is_flawed);
+    if (!is_flawed(sound_of(condition.runs).front()))
+      std::ranges::copy_if(condition.runs, std::back_inserter(out), [&](const auto* run) {
+        return marks ? state_of(*run) == Answer::State::cut_off : is_flawed(run);
+      });
   return out;
 }
 

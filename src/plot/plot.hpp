@@ -21,7 +21,8 @@ struct Plot {
 // apart, so that none is missing.
 std::string gnuplot_of(const std::vector<statistics::Summary>&, const Plot&);
 // The runs that it does not draw: a figure that pools repetitions leaves out a flawed one (cut off, failed,
-// not applied) if another one is sound.
+// not applied) if another one is sound. Against payload or rate, one that failed or was not applied is a
+// mark.
 std::vector<const statistics::Summary*> left_out(const std::vector<statistics::Summary>&, const Plot&);
 // B / A of each metric with its interval. Empty: there is nothing to compare.
 std::string gnuplot_of(const report::Comparison&, const Plot&);

@@ -71,21 +71,18 @@ std::string lies(const Row& row, const statistics::Change& change) {
     if (!low && !high) return std::string(nothing);
     return fmt::format("{} … {}", low ? text(*low) : "", high ? text(*high) : "");
   };
-  if (change.ratio) return ends(change.ratio_lies.low, change.ratio_lies.high, in_percent);
-  return ends(change.difference_lies.low, change.difference_lies.high,
-              [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
+  const auto& [low, high] = change.lies();
+  if (change.ratio) return ends(low, high, in_percent);
+  return ends(low, high, [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
 
-// Whether the interval is too wide to tell anything: it holds both 10 % of all messages less and 10 % more,
-// or both half and twice the value.
+// Whether the interval is too wide to tell anything: it holds both half and twice the value, or, of a share
+// without a ratio, both 10 % of all messages less and 10 % more.
 bool tells_nothing(const Row& row, const statistics::Change& change) {
   if (change.tendency != Tendency::unclear) return false;
-  const auto beyond = [](const statistics::Interval& lies, double low, double high) {
-    return (!lies.low || *lies.low < low) && (!lies.high || *lies.high > high);
-  };
-  if (row.is_share()) return beyond(change.difference_lies, -0.1, 0.1);
-  if (!change.ratio) return !change.difference_lies.low && !change.difference_lies.high;
-  return beyond(change.ratio_lies, 0.5, 2);
+  const auto& [low, high] = change.lies();
+  if (!change.ratio && !row.is_share()) return !low && !high;
+  return (!low || *low < (change.ratio ? 0.5 : -0.1)) && (!high || *high > (change.ratio ? 2 : 0.1));
 }
 
 bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
@@ -107,6 +104,12 @@ std::string list_of(const std::vector<Difference>& differences) {
 std::string title_of(const Pair& pair) {
   const auto from = gate::name_of(pair.from), to = gate::name_of(pair.to);
   return from == to ? to : from + " → " + to;
+}
+
+std::uint64_t answers_of(const Runs& runs) {
+  std::uint64_t answers = 0;
+  for (const auto* run : whole(runs)) answers += run->round_trip.count;
+  return answers;
 }
 
 // "A: before.ontime, 3 runs; B: after.ontime, 3 runs".
@@ -132,13 +135,16 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
       continue;
     }
     // A far percentile, or few messages or runs, leave it unknown.
+    const auto& [low, high] = change->lies();
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
-                          !too_few          ? word_of(*change)
-                          : is_single(pair) ? "too few messages"
-                                            : "too few runs or messages"});
+                          change->is_of_unequal_numbers ? "not compared"
+                          : !too_few                    ? word_of(*change)
+                          : !low && !high               ? "no interval"
+                          : is_single(pair)             ? "too few messages"
+                                                        : "too few runs or messages"});
   }
   if (table.rows.empty())
     table.notes.push_back("nothing to compare: no message was answered, or no run is complete");
@@ -147,6 +153,11 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
     table.notes.push_back(
         "one run per side cannot tell better from worse: its start-to-start variation is unknown. Fix: "
         "repeat: 5");
+  if (const auto max = change_of(pair, Times::round_trip, Figure::max); max && max->is_of_unequal_numbers) {
+    table.notes.push_back(
+        fmt::format("max is not compared: more answers have a greater one. A: {} answers, B: {}",
+                    grouped(answers_of(pair.from)), grouped(answers_of(pair.to))));
+  }
   std::vector<std::string> names;
   Runs named;
   for (const auto* runs : {&pair.from, &pair.to})
@@ -214,7 +225,8 @@ ordered_json json_of(const Row& row, const statistics::Change& change) {
   return {{"figure", row.key()},
           {"from", change.from / unit},
           {"to", change.to / unit},
-          {"difference", (change.to - change.from) / unit},
+          {"difference",
+           change.is_of_unequal_numbers ? ordered_json() : ordered_json((change.to - change.from) / unit)},
           {"difference_low", optional(change.difference_lies.low, unit)},
           {"difference_high", optional(change.difference_lies.high, unit)},
           {"ratio", optional(change.ratio, 1)},

@@ -87,7 +87,9 @@ std::string said(const Proven& proven, const std::vector<std::string>& names, co
 std::string change_text(const std::optional<Change>& change, std::string (*form)(double)) {
   if (!change) return nothing;
   const auto from = form(change->from), to = form(change->to);
-  return (from == to ? from : from + " → " + to) + (change->tendency == Tendency::unclear ? "  " : " *");
+  return (from == to ? from : from + " → " + to) + (change->tendency != Tendency::unclear ? " *"
+                                                    : change->is_of_unequal_numbers       ? " †"
+                                                                                          : "  ");
 }
 
 std::string share_text(double share) { return share > 0 ? percent(share) + " %" : "0"; }
@@ -220,6 +222,8 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   if (names.size() > most_pairs)
     text += fmt::format("… and {}\n", many(names.size() - most_pairs, "more", "more"));
   if (table.find('*') != table.npos) text += wrapped("* statistically significant (98 % confidence)", width);
+  if (table.find("†") != table.npos)
+    text += wrapped("† not comparable: the more messages a side has, the greater its max", width);
   const auto add_list = [&](const char* heading, const std::string& list) {
     if (!list.empty())
       text += wrapped(heading + shortened(printable(list), lines_of_differences * width - 24), width);

@@ -72,6 +72,7 @@ Interval difference_lies(const Side& from, const Side& to) {
 struct Known {
   std::vector<Measured> runs;
   std::optional<Probability> pooled;
+  double values = 0;  // of all runs
 
   double greatest() const { return std::ranges::max(runs, {}, &Measured::value).value; }
   Side side(Scale scale) const {
@@ -91,6 +92,7 @@ Known known_of(const std::vector<const Summary*>& runs, Times times, Figure figu
       // Of fewer values than the percentile takes it is the maximum by another name.
       const auto values = (times == Times::response ? run->response : run->round_trip).count;
       if (values < metric_of(figure).one_in) return {};
+      known.values += static_cast<double>(values);
       known.runs.push_back(*one);
     }
     if (const auto* share = probability_of(*run, times, figure)) shares.push_back(*share);
@@ -163,14 +165,19 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   if (figure == Figure::max) {  // a single message's: repetitions show another message, not its spread
     change.from = before.greatest();
     change.to = after.greatest();
-    if (change.from > 0 && change.to > 0) change.ratio = change.to / change.from;
+    // A tenth more has the greater maximum in 52 % of cases instead of 50 %, twice as many in 67 %.
+    constexpr double alike = 1.1;
+    const auto [fewer, more] = std::minmax(before.values, after.values);
+    change.is_of_unequal_numbers = more > alike * fewer;
+    if (change.from > 0 && change.to > 0 && !change.is_of_unequal_numbers)
+      change.ratio = change.to / change.from;
     return change;
   }
   change.from = one.value;
   change.to = other.value;
   change.difference_lies = difference_lies(one, other);
   set_ratio(change, before, after);
-  const auto& lies = change.ratio ? change.ratio_lies : change.difference_lies;
+  const auto& lies = change.lies();
   const double same = change.ratio ? 1 : 0;
   if (is_above(lies, same)) change.tendency = Tendency::more;
   if (lies.high.value_or(same) < same) change.tendency = Tendency::less;

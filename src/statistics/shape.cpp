@@ -2,6 +2,8 @@
 #include "statistics/shape.hpp"
 
 #include <algorithm>
+#include <numeric>
+#include <span>
 #include <utility>
 
 namespace ontime::statistics {
@@ -13,6 +15,8 @@ using roundtrip::Sample;
 constexpr std::int64_t slices_of_a_run = 1000;  // as long as it was to be
 constexpr std::size_t most_slices = 2000;       // a run that is longer has longer ones
 constexpr std::int64_t second_ns = 1'000'000'000;
+constexpr double far = 10;            // times as long as all before: slices so long would hide all before
+constexpr std::size_t most_far = 20;  // more messages are no exception
 constexpr std::size_t most_worst = 10;
 
 bool is_longer(const Worst& one, const Worst& other) { return one.took_ns > other.took_ns; }
@@ -47,7 +51,15 @@ void merge(Slice& all, const Slice& other, bool lower) {
 }  // namespace
 
 Timeline::Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns)
-    : start_ns_(start_ns), slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns) {}
+    : start_ns_(start_ns),
+      slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns),
+      stated_ns_(static_cast<double>(duration_ns.value_or(second_ns))) {}
+
+bool Timeline::is_far(const Sample& sample) const {
+  const auto all_ns = static_cast<double>(slices_.size()) * static_cast<double>(slice_ns_);
+  return static_cast<double>(sample.due_ns) - static_cast<double>(start_ns_) >
+         far * std::max(all_ns, stated_ns_);
+}
 
 // A robot's own messages are listened to for no stated time, and a run may overrun. Slices are then made
 // longer, for the last one would hold all that came later, and a figure would end there.
@@ -76,8 +88,18 @@ Slice& Timeline::at(std::size_t index) {
 }
 
 void Timeline::message(const Sample& sample) {
-  const auto due_in = index_of(sample.due_ns);  // it may change where the current slice is
-  const auto index = std::max(current_, due_in);
+  if (!is_far(sample)) return add(sample);
+  far_.push_back(sample);
+  if (far_.size() <= most_far) return;
+  // The run goes on after a long time, at least to the earliest of them.
+  auto some = std::exchange(far_, {});
+  std::ranges::sort(some, {}, &Sample::due_ns);
+  add(some.front());
+  for (const auto& one : std::span(some).subspan(1)) message(one);
+}
+
+void Timeline::add(const Sample& sample) {
+  const auto index = index_of(sample.due_ns);  // it may change where the current slice is
   if (index != current_) close();
   current_ = index;
   auto& slice = at(index);
@@ -135,9 +157,17 @@ void Timeline::answered(const Series& cycles, std::int64_t at_ns) {
   });
 }
 
-std::vector<Slice> Timeline::slices() && {
+void Timeline::into(Shape& shape) && {
+  const auto near = std::accumulate(slices_.begin(), slices_.end(), std::uint64_t{0},
+                                    [](auto sum, const Slice& slice) { return sum + slice.sent; });
+  for (const auto& sample : far_)
+    if (is_far(sample) && near >= static_cast<std::uint64_t>(far) * far_.size())
+      shape.beyond.push_back(sample);
+    else
+      add(sample);
   close();
-  return std::move(slices_);
+  shape.slice_ns = slice_ns_;
+  shape.slices = std::move(slices_);
 }
 
 void WorstOnes::message(const Sample& sample) {

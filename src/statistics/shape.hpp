@@ -17,10 +17,11 @@ class Timeline {
   void message(const roundtrip::Sample&);
   void skipped(const Series& cycles);  // by when each was due
   void answered(const Series& cycles, std::int64_t at_ns);
-  std::int64_t slice_ns() const { return slice_ns_; }
-  std::vector<Slice> slices() &&;
+  void into(Shape&) &&;
 
  private:
+  void add(const roundtrip::Sample&);
+  bool is_far(const roundtrip::Sample&) const;
   std::size_t index_of(std::int64_t due_ns);  // makes room for it
   void double_slices();
   Slice& at(std::size_t index);
@@ -29,7 +30,9 @@ class Timeline {
   void close();
 
   std::int64_t start_ns_, slice_ns_;
+  double stated_ns_;
   std::vector<Slice> slices_;
+  std::vector<roundtrip::Sample> far_;  // until more come after so long a time
   std::size_t current_ = 0;
   bool lower_ = true;                      // which median the next merger keeps
   std::vector<std::int64_t> round_trips_;  // of the current slice

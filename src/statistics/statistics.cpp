@@ -153,8 +153,7 @@ class Pass {
     shape.response = responses.histogram();
     shape.round_trip_ranks = round_trips.some();
     shape.response_ranks = responses.some();
-    shape.slice_ns = timeline_.slice_ns();
-    shape.slices = std::move(timeline_).slices();
+    std::move(timeline_).into(shape);
     if (auto& shift = summary_.round_trip_certainty.shift) {
       const auto first = static_cast<std::uint64_t>(shift->share * static_cast<double>(answers));
       shift->from_ns = static_cast<double>(between(summary_.start_ns, answered_.due_of(first)));

@@ -71,7 +71,9 @@ struct Shape {
   std::vector<Ranked> round_trip_ranks, response_ranks;
   std::int64_t slice_ns = 0;  // length of a slice; longer if the run exceeds its stated duration
   std::vector<Slice> slices;  // from the first message on; at most 2,000
-  std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
+  // At most 20 messages, due more than ten times as late as all others. They are in no slice.
+  std::vector<roundtrip::Sample> beyond;
+  std::vector<Worst> worst;  // at most 10, the longest first; lost messages are not among them
 };
 
 // Request leg and reply leg of a round trip, if both ends share one clock or have synchronised clocks.
@@ -175,7 +177,8 @@ struct Between {
 Between slower_than(const Summary&, Times, double limit_ns);
 
 // Compares one or several runs with one or several others, by their means. For the maximum: the greatest of
-// all runs, without intervals. A percentile is unknown if a run has too few values for it.
+// all runs, without intervals, and without a ratio where one side has over a tenth more values: the more
+// values, the greater their maximum. A percentile is unknown if a run has too few values for it.
 //
 // The truth is beyond each limit of an interval in at most 1 % of cases. Two intervals are computed, and
 // the wider one counts:
@@ -186,8 +189,8 @@ Between slower_than(const Summary&, Times, double limit_ns);
 // runs has no limit, but many short runs show how it varies.
 // Without repetitions on both sides, changes from one start to the next (memory placement, start order) are
 // unknown. The interval is then about these runs only, without a verdict.
-// Verdicts and gates use the interval of the ratio, or without a ratio that of the difference. The two may
-// disagree if repetitions differ much.
+// Verdicts, gates, tables and figures use the interval of the ratio, or without a ratio that of the
+// difference. The two may disagree if repetitions differ much.
 enum class Tendency { less, unclear, more };        // what the interval excludes
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
@@ -196,7 +199,10 @@ struct Change {
   Interval difference_lies;     // that of to − from
   std::optional<double> ratio;  // to / from; nothing where one is not positive
   Interval ratio_lies;
+  bool is_of_unequal_numbers = false;  // of values: two maxima that cannot be compared
   Tendency tendency = Tendency::unclear;
+  // What verdicts and gates go by.
+  const Interval& lies() const { return ratio ? ratio_lies : difference_lies; }
   Verdict verdict() const;
 };
 // Nothing: one of the sides does not have the metric, or too few values for it.

@@ -100,8 +100,16 @@ void Follower::look_once() {
     });
   auto newest = settled_;
   for (const auto& sample : unsettled) add(newest, sample, *start_ns_);
-  if (!unsettled.empty())
-    progress_.elapsed_s = static_cast<double>(unsettled.back().intended_ns - *start_ns_) / 1e9;
+  if (!unsettled.empty()) {
+    const auto& last = unsettled.back();
+    const auto& counted = progress_.run.outcome.counters;
+    const auto since_start_s = [&](std::int64_t ns) { return static_cast<double>(ns - *start_ns_) / 1e9; };
+    progress_.elapsed_s = since_start_s(last.intended_ns);
+    // Where samples are missing, what came after them may be, too.
+    progress_.measured_s = since_start_s(
+        std::max({last.due_ns + progress_.run.asked.task.client.period.count(), last.received_ns,
+                  counted.sent > newest.sent ? 0 : counted.trailing_until_ns}));
+  }
   static_cast<Counted&>(progress_) = newest;
   const bool has_ended = !is_written || progress_.run.outcome.has_ended();
   progress_.lost_for_good = has_ended ? newest.lost : settled_.lost;

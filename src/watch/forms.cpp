@@ -53,9 +53,11 @@ std::string head_of(const Progress& progress) {
     if (!part.empty()) text += " " + table::printable(part);
   if (asked.repetition > 1) text += fmt::format(" #{}", asked.repetition);
   if (!progress.samples_wait) {
-    // The last message of a complete run was due a period before the run's end.
+    // Back to back, a complete run's last answer came a little before its end.
     const bool is_complete = outcome.has_ended() && !outcome.interrupted && !outcome.error;
-    text += "  " + clock(is_complete ? progress.duration_s.value_or(progress.elapsed_s) : progress.elapsed_s);
+    text += "  " + clock(is_complete ? std::round(std::min(progress.measured_s,
+                                                           progress.duration_s.value_or(progress.measured_s)))
+                                     : progress.elapsed_s);
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
   } else {
     text += "  (measuring; samples come at the end, because ssh may use the link under test)";

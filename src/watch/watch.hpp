@@ -63,6 +63,7 @@ struct Progress : Counted {
   bool samples_wait = false;         // it is measuring, but its samples come at the end
   std::uint64_t lost_for_good = 0;   // lost messages that can no longer prove answered
   double elapsed_s = 0;              // from the first message to the newest
+  double measured_s = 0;             // until its cycle, or its wait for an answer, was over
   std::optional<double> duration_s;  // as requested
 };
 

@@ -12,7 +12,10 @@ class TimePlot {
     this.frame.labels("time since the start", quantityOf([run]));
     this.frame.name = `${run.label}: ${quantityOf([run])} over time`;
     this.end = Math.max(course.end, 1e-6);
-    this.domain = [0, this.end];
+    // A few messages due long after all others would leave these too little room.
+    const { beyond, slice_ns, medians } = run.slices;
+    this.first = beyond > 0 ? medians.length * slice_ns / 1e9 : this.end;
+    this.domain = [0, this.first];
     const { plot } = this.frame;
     this.layers = {};
     for (const name of ["deadline", "columns", "alone", "late", "lost", "median", "stall"])
@@ -31,9 +34,10 @@ class TimePlot {
       .filter(() => !d3.event.button && (d3.event.type !== "wheel" || d3.event.ctrlKey || this.frame.svg.node() === document.activeElement))
       .on("zoom", () => this.zoomed(d3.event.transform));
     this.frame.area.call(this.zoom);
+    const note = text => d3.select(figure).append("p").attr("class", "note").text(text);
+    if (beyond > 0) note(`Messages due long after the others: ${number(beyond)}. To see them, zoom out.`);
     if (course.of > 1)
-      d3.select(figure).append("p").attr("class", "note")
-        .text(`Too many messages for a page: of each ${number(2 * course.of)}, only the fastest, the slowest and one lost message are shown.`);
+      note(`Too many messages for a page: of each ${number(2 * course.of)}, only the fastest, the slowest and one lost message are shown.`);
     this.buttons();
     this.frame.onResize(() => this.resize());
   }
@@ -62,7 +66,7 @@ class TimePlot {
   resize() {
     const { width, height } = this.frame;
     // Down to a hundred messages of the closest, however long it was.
-    const closest = this.end / Math.max(this.course.count, 1) * 5;
+    const closest = this.first / Math.max(this.course.count, 1) * 5;
     this.zoom.extent([[0, 0], [width, height]]).translateExtent([[0, 0], [width, height]])
       .scaleExtent([1, Math.max(this.end / closest, 1)]);
     this.base = d3.scaleLinear([0, this.end], [0, width]);
@@ -86,7 +90,7 @@ class TimePlot {
 
   showMessage(i) {
     if (i < 0) return;
-    const half = 12 * this.end / this.course.count;
+    const half = 12 * this.first / this.course.count;
     this.show(this.course.at[i] - half, this.course.at[i] + half);
     this.draw();
     this.tell(i);

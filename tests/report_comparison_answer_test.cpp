@@ -1,0 +1,152 @@
+// SPDX-License-Identifier: Apache-2.0
+// A comparison's first screen, and its gates as JUnit XML.
+#include <boost/property_tree/ptree.hpp>
+#include <boost/property_tree/xml_parser.hpp>
+
+#include "report/export.hpp"
+#include "report_comparison.hpp"
+
+namespace ontime::report {
+namespace {
+
+using gate::Judgement;
+using record::amend;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// One run of a condition: so many of 60,000 cycles without an answer in time.
+Summary with_misses(const std::string& id, const std::string& key, std::uint64_t events,
+                    const char* transport = "udp") {
+  auto one = run(id, key, 1);
+  amend(one.run.asked, "/transport", transport);
+  const double share = static_cast<double>(events) / 60'000;
+  one.late_by_response = events;
+  one.late_by_response_probability.messages = 60'000;
+  one.late_by_response_probability.events = events;
+  one.late_by_response_probability.value = share;
+  one.late_by_response_probability.sure = one.late_by_response_probability.surer = {share * 0.9, share * 1.1};
+  return one;
+}
+
+std::string answer_of(const Comparison& comparison) {
+  return render_answer(comparison, {}, Format::table, "ontime compare a b --full", 80);
+}
+
+TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
+  const std::vector a{with_misses("x", "k1", 900), with_misses("x", "k2", 10, "fastdds"),
+                      with_misses("x", "k3", 0, "cyclonedds")};
+  const std::vector b{with_misses("x", "k1", 30), with_misses("x", "k2", 700, "fastdds"),
+                      with_misses("x", "k3", 0, "cyclonedds")};
+  const auto text = answer_of(compare(a, b));
+  EXPECT_TRUE(
+      text.starts_with("B has fewer cycles without an answer in time (udp) and more (fastdds) than A."))
+      << text;
+  EXPECT_THAT(text, ::testing::ContainsRegex("udp +1\\.5 % → 0\\.05 % \\*"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("cyclonedds +0  "));
+  EXPECT_THAT(text, AllOf(HasSubstr("Caution: one run per side"), HasSubstr("repeat: 5")));
+  EXPECT_THAT(text, HasSubstr("All metrics:  ontime compare a b --full"));
+}
+
+TEST(CompareAnswer, ChangeWithinChanceIsNotProven) {
+  const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 101)};
+  EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference in "));
+}
+
+TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
+  const std::vector a{with_misses("x", "k1", 100)};
+  std::vector b{with_misses("x", "k1", 100)};
+  b.front().run.outcome = json{{"interrupted", true}};
+  const auto text = answer_of(compare(a, b));
+  EXPECT_THAT(text, HasSubstr("left out"));
+  EXPECT_THAT(text, Not(HasSubstr("Also different")));
+  EXPECT_TRUE(text.starts_with("Nothing to compare"));
+}
+
+TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {
+  const std::vector a{with_misses("x", "k1", 100)};
+  std::vector b{with_misses("x", "k1", 30)};
+  amend(b[0].run.asked, {{"kernel", {{"irq-threads", 90}, {"threaded-napi", "on"}}}, {"repetition", 3}});
+  amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
+  EXPECT_THAT(answer_of(compare(a, b)),
+              HasSubstr("Also different: component transport version: 0.1.0 → 0.2.0; kernel (2 values)"));
+}
+
+TEST(CompareAnswer, RowNamesBothTransports) {
+  const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k2", 100, "fastdds")};
+  EXPECT_THAT(answer_of(compare_chosen(a, b)), ::testing::ContainsRegex("\nudp → fastdds +0\\.17 %"));
+  EXPECT_THAT(answer_of(compare_chosen(a, a)), ::testing::ContainsRegex("\nudp +0\\.17 %"));
+}
+
+TEST(CompareAnswer, CautionNamesItsSideAndThatOfBComesFirst) {
+  std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 100)};
+  a[0].run.outcome.conditions["controller"].clock_moved_s = 1;
+  b[0].run.outcome.conditions["controller"].clock_moved_s = 2;
+  auto comparison = compare(a, b);
+  comparison.from_name = "old.ontime";
+  comparison.to_name = "new.ontime";
+  const auto text = answer_of(comparison);
+  const auto of_b = text.find("Caution: x udp (run 1) of new.ontime: ");
+  ASSERT_NE(of_b, text.npos) << text;
+  const auto of_a = text.find("Caution: x udp (run 1) of old.ontime: ");
+  EXPECT_LT(of_b, of_a) << text;
+  comparison.one_file = true;
+  EXPECT_THAT(answer_of(comparison), Not(HasSubstr(") of ")));
+}
+
+TEST(CompareAnswer, RepetitionsSayWhatIsShown) {
+  const std::vector one{with_misses("x", "k1", 100)},
+      two{with_misses("x", "k1", 100), with_misses("x", "k1", 100)};
+  EXPECT_THAT(answer_of(compare(two, two)), HasSubstr("mean"));
+  EXPECT_THAT(answer_of(compare(one, one)), Not(HasSubstr("mean")));
+}
+
+TEST(CompareAnswer, FitsAScreenWhateverOthersWrote) {
+  std::vector<Summary> a, b;
+  for (int i = 0; i < 40; ++i) {
+    const auto key = "k" + std::to_string(i);
+    a.push_back(with_misses("x" + key, key, 900));
+    b.push_back(with_misses("x" + key, key, 30));
+    amend(b.back().run.asked, {{"kernel", {{"name" + std::string(400, 'x') + key, "\x1b[31m"}}}});
+  }
+  const auto text = answer_of(compare(a, b));
+  EXPECT_LE(std::count(text.begin(), text.end(), '\n'), 24) << text;
+  EXPECT_THAT(text, Not(HasSubstr("\x1b")));
+  EXPECT_THAT(text, HasSubstr("… and 31 more"));
+}
+
+// --- JUnit ---
+
+boost::property_tree::ptree parsed(const std::string& xml) {
+  std::istringstream in(xml);
+  boost::property_tree::ptree tree;
+  read_xml(in, tree);
+  return tree;
+}
+
+TEST(JUnit, CountsFailuresAndErrorsApart) {
+  const auto tree =
+      parsed(junit({{Judgement::Result::held, "x udp", "p99 > 2 ms", "p99 is 1 ms"},
+                    {Judgement::Result::missed, "x udp", "late > 0", "3 of 100 messages"},
+                    {Judgement::Result::cannot_judge, "y udp", "late > 0", "it failed: no pong"}}));
+  const auto& suite = tree.get_child("testsuites.testsuite");
+  EXPECT_EQ(suite.get<int>("<xmlattr>.tests"), 3);
+  EXPECT_EQ(suite.get<int>("<xmlattr>.failures"), 1);
+  EXPECT_EQ(suite.get<int>("<xmlattr>.errors"), 1);
+  std::vector<std::string> failures;
+  for (const auto& [name, test] : suite)
+    if (name == "testcase" && test.get_child_optional("failure"))
+      failures.push_back(test.get<std::string>("<xmlattr>.name") + ": " +
+                         test.get<std::string>("failure.<xmlattr>.message"));
+  EXPECT_THAT(failures, ::testing::ElementsAre("late > 0: 3 of 100 messages"));
+}
+
+TEST(JUnit, TextStaysText) {
+  const auto xml = junit({{Judgement::Result::missed, "<script>\"'&]]>\x01\x1b\xff", "a<b", "\n</failure>"}});
+  const auto tree = parsed(xml);
+  EXPECT_EQ(tree.get<std::string>("testsuites.testsuite.testcase.<xmlattr>.classname"), "<script>\"'&]]>???");
+  EXPECT_EQ(tree.get<std::string>("testsuites.testsuite.testcase.failure.<xmlattr>.message"), " </failure>");
+  EXPECT_EQ(xml.find('\x01'), xml.npos);
+}
+
+}  // namespace
+}  // namespace ontime::report
