@@ -82,7 +82,7 @@ TEST_F(Components, InvalidNamesAndFormsAreRefusedWithTheirPlace) {
   const std::string stated = "hosts: {controller: {}}\ncomponents: ";
   EXPECT_THAT(error(stated + "[arm]" + runs), HasSubstr("a map of names and hosts"));
   EXPECT_THAT(error(stated + "{arm: {interface: eth1}}" + runs), HasSubstr(":2:14: components: arm.address"));
-  EXPECT_THAT(error(stated + "{arm: {wat: x}}" + runs), HasSubstr("a host has ssh"));
+  EXPECT_THAT(error(stated + "{arm: {wat: x}}" + runs), HasSubstr("allowed keys: ssh"));
   EXPECT_THAT(error("hosts: {component: {address: 1.2.3.4}}\ncomponents: {arm: {address: 1.2.3.5}}" + runs),
               HasSubstr(":1:9: hosts: component"));
 }
@@ -373,10 +373,10 @@ TEST_F(Components, WireTakesRateAndVlan) {
   const auto of = [this](const std::string& wire) { return error(wire + runs); };
   EXPECT_THAT(of("wire: on"), HasSubstr(":1:7: wire: "));
   EXPECT_THAT(of("wire: {}"), HasSubstr("rate: 10 Mbit/s, vlan: 5"));
-  EXPECT_THAT(of("wire: {length: 5}"), HasSubstr(":1:8: wire: unknown key 'length'"));
-  EXPECT_THAT(of("wire: {vlan: 4095}"), HasSubstr(":1:14: wire: vlan: '4095'"));
-  EXPECT_THAT(of("wire: {vlan: 0}"), HasSubstr("wire: vlan: '0'"));
-  EXPECT_THAT(of("wire: {rate: fast}"), HasSubstr(":1:14: wire: rate: 'fast'"));
+  EXPECT_THAT(of("wire: {length: 5}"), HasSubstr(":1:8: unknown key 'wire.length'"));
+  EXPECT_THAT(of("wire: {vlan: 4095}"), HasSubstr(":1:14: wire.vlan: '4095'"));
+  EXPECT_THAT(of("wire: {vlan: 0}"), HasSubstr("wire.vlan: '0'"));
+  EXPECT_THAT(of("wire: {rate: fast}"), HasSubstr(":1:14: wire.rate: 'fast'"));
   EXPECT_THAT(of("wire: {vlan: 5, vlan: 6}"), HasSubstr("vlan"));
   EXPECT_THAT(of("hosts: loopback\nwire: {vlan: 5}"), HasSubstr(":2:7: wire: "));
   EXPECT_THAT(of("components: [arm, base]\nwire: {vlan: 5}"), HasSubstr("hosts: namespaces"));

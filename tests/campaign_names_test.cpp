@@ -34,11 +34,21 @@ TEST_F(EarlierNames, AreReadAsTheCurrentOnesWithOneNoticeEach) {
 TEST_F(EarlierNames, AreReadBelowAComponentsName) {
   const auto scenario = read(
       "components: [arm, base]\n"
-      "runs: [{id: a, transport: cyclonedds, neighbours: {topics: 1}, arm: {neighbours: {topics: 3}}}]\n");
+      "runs: [{id: a, transport: cyclonedds, arm: {neighbours: {topics: 3}}, base: {neighbours: {topics: "
+      "1}}}]\n");
   const auto all = scenario::together(scenario.runs.at(0), scenario.hosts);
   ASSERT_EQ(all.size(), 2U);
   EXPECT_EQ(all[0].task.background.topics, 3);
   EXPECT_EQ(all[1].task.background.topics, 1);
+  ASSERT_EQ(scenario.notices.size(), 1U) << "one for a name, of however many components";
+  EXPECT_THAT(scenario.notices.at("neighbours"), HasSubstr("'background'"));
+}
+
+TEST_F(EarlierNames, OfAHostAreNoKeysOfARun) {
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, reach: b}]\n"), HasSubstr("unknown key 'reach'"));
+  EXPECT_THAT(
+      error("hosts: {component: {address: 192.0.2.1, neighbours: [a]}}\nruns: [{id: a, transport: udp}]\n"),
+      HasSubstr("unknown key 'neighbours'"));
 }
 
 TEST_F(EarlierNames, TwoNamesOfOneKeyAreRefused) {

@@ -32,12 +32,10 @@ void check_cpus(const std::string& flag, const std::string& list) {
                   fmt::format("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there)));
 }
 
-// "time from one cycle to the next (default: 10 ms)": a field's help ends with its default.
+// "time from one cycle to the next (default: 10 ms)"
 std::string help_of(const Key& key) {
-  const auto end = key.help.rfind(": ");
-  auto help = key.help.substr(0, end);
-  if (key.path == "transport") help += "; " + transports_here();
-  return end == key.help.npos ? help : fmt::format("{} (default: {})", help, key.help.substr(end + 2));
+  if (key.path == "transport") return key.help + "; " + transports_here();
+  return key.by_default.empty() ? key.help : fmt::format("{} (default: {})", key.help, key.by_default);
 }
 
 }  // namespace

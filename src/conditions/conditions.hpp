@@ -114,6 +114,8 @@ struct Field {
   enum class For { client, both } end = For::client;
   // In tables and labels, around its value: "every {}"; "": its group words it, or the value alone is clear.
   std::string phrase{};
+  // In words, of a run that does not state it: "10 ms"; "": nothing is worth telling.
+  std::string by_default{};
   enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
@@ -126,7 +128,7 @@ using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
 const std::vector<Key>& keys();  // all fields with a path
-// The current name of a key: "background.rate" for the earlier "neighbours.rate", which is still read.
+// The current name of a run's key: "background.rate" for the earlier "neighbours.rate", which is still read.
 std::string current_key(const std::string& key);
 
 // The JSON form of a run, in orders and in records: docs/reference/json.md lists its names.
@@ -177,6 +179,18 @@ struct Hosts {
   std::optional<std::set<std::string>> deploy;
 };
 const char* word_of(Hosts::Kind);  // alone: ""
+
+// A key of a host, or of the wire.
+template <typename Of>
+struct PartKey {
+  std::string path, values, help;  // as a Field's
+  // Its value: one word unless it is a list. Throws std::invalid_argument, for people.
+  std::function<void(Of&, const std::vector<std::string>& words)> set;
+  bool is_list = false;
+  std::optional<std::string> earlier{};  // a name that is still read
+};
+const std::vector<PartKey<Host>>& host_keys();
+const std::vector<PartKey<Wire>>& wire_keys();
 
 // The record's form of a run on these hosts.
 nlohmann::json asked(const Run&, const Hosts&);

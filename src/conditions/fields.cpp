@@ -116,25 +116,24 @@ Fields fields_of_run() {
       field({"search", "", "KEY",
              "key with a list of values, gentle to harsh; ontime finds the first with late or lost messages"},
             "search.key", text(), within(&Run::step, &Run::Step::key)),
-      field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter: off",
+      field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter",
              client, "count-instructions {}"},
             "count_instructions", or_null(on_or_off()), within(&Run::task, &Task::count_instructions)),
-      field(
-          {"explain", "--explain", "",
-           "record what the kernel does around late and lost messages, for `ontime explain`; needs root: off",
-           both, "explain {}"},
-          "explain", or_null(on_or_off()), &Run::explain),
+      field({"explain", "--explain", "",
+             "record what the kernel does around late and lost messages, for `ontime explain`; needs root",
+             both, "explain {}"},
+            "explain", or_null(on_or_off()), &Run::explain),
       field({"transport", "--transport", "NAME",
              "transport of the messages (ethernet, xdp, udp, cyclonedds, fastdds, or another installed one)",
              both},
             "transport", text(), within(&Run::task, &Task::transport)),
-      written(
-          field({"component.transport", "", "NAME", "transport of the server, if different: as transport"},
-                "component_transport", text(), &Run::component_transport),
-          [](const Run& run) {
-            return run.component_transport.empty() ? run.task.transport : run.component_transport;
-          }),
-      field({"component.restart", "", "", "restart the server if it dies during the run: off"},
+      written(field({"component.transport", "", "NAME", "transport of the server, if different", client, "",
+                     "as transport"},
+                    "component_transport", text(), &Run::component_transport),
+              [](const Run& run) {
+                return run.component_transport.empty() ? run.task.transport : run.component_transport;
+              }),
+      field({"component.restart", "", "", "restart the server if it dies during the run"},
             "component_restart", or_null(on_or_off()), &Run::component_restart)};
 }
 
@@ -143,96 +142,92 @@ Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
       said(field({"payload", "--payload", "",
-                  "payload, without the 8-byte sequence number; for pong the largest, 60 kB if not stated: "
-                  "500 B",
+                  "payload, without the 8-byte sequence number; for pong the largest, 60 kB if not stated",
                   both, "{}"},
                  "payload_bytes", size(), in_client(&ClientOptions::payload_bytes)),
            [](Run& run, Text text) {
              run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
            }),
       field({"schedule", "--schedule", "",
-             "when to send the next message; fixed is open-loop, next-free closed-loop: next-free", client,
-             "{}"},
+             "when to send the next message; fixed is open-loop, next-free closed-loop", client, "{}"},
             "schedule",
             words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
             in_client(&ClientOptions::schedule)),
-      field({"period", "--period", "", "time from one cycle to the next: 10 ms", client, "every {}"},
-            "period_us", time(us, period_of), in_client(&ClientOptions::period)),
-      field(
-          {"deadline", "--deadline", "", "a message that takes longer is late: 10 ms", client, "deadline {}"},
-          "deadline_us", time(us, up_to_an_hour), in_client(&ClientOptions::deadline)),
-      field({"timeout", "--timeout", "", "a message without an answer within this time is lost: 500 ms",
-             client, "timeout {}"},
+      field({"period", "--period", "", "time from one cycle to the next", client, "every {}"}, "period_us",
+            time(us, period_of), in_client(&ClientOptions::period)),
+      field({"deadline", "--deadline", "", "a message that takes longer is late", client, "deadline {}"},
+            "deadline_us", time(us, up_to_an_hour), in_client(&ClientOptions::deadline)),
+      field({"timeout", "--timeout", "", "a message without an answer within this time is lost", client,
+             "timeout {}"},
             "timeout_us", time(us, up_to_an_hour), in_client(&ClientOptions::timeout)),
-      field({"duration", "--duration", "", "how long to measure, without the warm-up: 10 s", client, "{}"},
+      field({"duration", "--duration", "", "how long to measure, without the warm-up", client, "{}"},
             "duration_s", time(s, [](Text text) { return positive_duration(text); }),
             in_client(&ClientOptions::duration)),
-      field({"warm-up", "--warm-up", "N", "answers to wait for before the first counted message: 10", client,
+      field({"warm-up", "--warm-up", "N", "answers to wait for before the first counted message", client,
              "warm-up {}"},
             "warm_up", number<std::uint64_t>(1, 1'000'000), in_client(&ClientOptions::warm_up)),
       field({"receive", "--receive", "",
-             "receive in the middleware's thread (listener) or in a thread that waits (waitset): listener",
-             both, "{}"},
+             "receive in the middleware's thread (listener) or in a thread that waits (waitset)", both, "{}"},
             "receive",
             words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
             in_config(&Config::receive))};
 }
 
-// Topics and their QoS. scenario::complete() makes the names absolute.
+// The record has the name that scenario::complete() makes absolute.
+Field topic(const std::string& name, const std::string& help, std::string Run::*stated,
+            std::string Config::*absolute) {
+  return recorded(
+      name + "_topic", text(), in_config(absolute),
+      said_at({"topics." + name, fmt::format("--{}-topic", name), "", help, both}, ros_name(), stated));
+}
+
+// Topics and their QoS.
 Fields fields_of_topics() {
-  using transport::Durability, transport::History;
-  auto name_space = ros_name();
-  name_space.of_text = [of_name = name_space.of_text](Text text) {
-    return text == "/" ? text : of_name(text);
-  };
-  return {said(field({"domain", "--domain", "",
-                      "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
-                     "domain", number<int>(0, max_domain), in_config(&Config::domain)),
-               [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
-          made_of({"ping_topic", "pong_topic"}, field({"namespace", "--namespace", "NAME",
-                                                       "namespace of the topics, such as /robot: /", both},
-                                                      "", name_space, &Run::ros_namespace)),
-          said(field({"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both},
-                     "ping_topic", ros_name(), in_config(&Config::ping_topic)),
-               [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
-          said(field({"topics.pong", "--pong-topic", "", "topic that the server answers on: pong", both},
-                     "pong_topic", ros_name(), in_config(&Config::pong_topic)),
-               [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
-          field({"qos.reliability", "--reliability", "", "reliability of both topics: best-effort", both},
-                "qos.reliability", reliability(),
-                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::reliability)),
-          field({"qos.history", "--history", "", "history of both topics: keep-last", both}, "qos.history",
-                words<History>({History::keep_last, History::keep_all}, word_of),
-                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::history)),
-          field({"qos.depth", "--depth", "N", "messages that keep-last keeps: 1", both}, "qos.depth",
-                number<int>(1, 1'000'000),
-                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::depth)),
-          field({"qos.durability", "--durability", "", "durability of both topics: volatile", both},
-                "qos.durability",
-                words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
-                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::durability)),
-          field({"security", "", "",
-                 "DDS Security: authenticate both ends; also sign or encrypt each payload: off", client,
-                 "security {}"},
-                "security",
-                or_null(words<Security>(
-                    {Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of)),
-                &Run::security)};
+  using transport::Durability, transport::History, transport::Qos;
+  auto absolute = ros_name();
+  absolute.of_text = [of_name = absolute.of_text](Text text) { return text == "/" ? text : of_name(text); };
+  auto name_space = said_at({"namespace", "--namespace", "", "namespace of the topics, such as /robot", both},
+                            absolute, &Run::ros_namespace);
+  name_space.parts = {"ping_topic", "pong_topic"};
+  const auto domain = number<int>(0, max_domain);
+  const auto in_qos = [](auto member) { return within(&Run::task, &Task::config, &Config::qos, member); };
+  return {
+      recorded("domain", domain, in_config(&Config::domain),
+               said_at({"domain", "--domain", "", "DDS domain; udp uses port 7900 + domain", both,
+                        "domain {}", "$ROS_DOMAIN_ID, or 0"},
+                       optional(domain), &Run::domain)),
+      name_space,
+      topic("ping", "topic that the client writes", &Run::ping_topic, &Config::ping_topic),
+      topic("pong", "topic that the server answers on", &Run::pong_topic, &Config::pong_topic),
+      field({"qos.reliability", "--reliability", "", "reliability of both topics", both}, "qos.reliability",
+            reliability(), in_qos(&Qos::reliability)),
+      field({"qos.history", "--history", "", "history of both topics", both}, "qos.history",
+            words<History>({History::keep_last, History::keep_all}, word_of), in_qos(&Qos::history)),
+      field({"qos.depth", "--depth", "N", "messages that keep-last keeps", both}, "qos.depth",
+            number<int>(1, 1'000'000), in_qos(&Qos::depth)),
+      field({"qos.durability", "--durability", "", "durability of both topics", both}, "qos.durability",
+            words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
+            in_qos(&Qos::durability)),
+      field({"security", "", "", "DDS Security: authenticate both ends; also sign or encrypt each payload",
+             client, "security {}"},
+            "security",
+            or_null(words<Security>(
+                {Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of)),
+            &Run::security)};
 }
 
 Fields listening_fields() {
   const auto limit = optional(time(us, up_to_an_hour));
-  return {field({"listen.topics", "", "",
-                 "topics of the robot to listen to during the run, such as /scan,/cmd_vel: none"},
-                "listen.topics", robot_topics(), within(&Run::listening, &Listening::topics)),
-          field({"listen.deadline", "", "",
-                 "a message is late if it comes later than this after the one before: none"},
-                "listen.deadline_us", limit, within(&Run::listening, &Listening::deadline)),
-          field({"listen.period", "", "",
-                 "expected period of these topics; a message is late after 1.5 periods: none"},
-                "listen.period_us", limit, within(&Run::listening, &Listening::period)),
-          field({"listen.age", "", "", "a message is late if it is older than this when taken: none"},
-                "listen.age_us", limit, within(&Run::listening, &Listening::age))};
+  return {
+      field({"listen.topics", "", "",
+             "topics of the robot to listen to during the run, such as /scan,/cmd_vel"},
+            "listen.topics", robot_topics(), within(&Run::listening, &Listening::topics)),
+      field({"listen.deadline", "", "", "a message is late if it comes later than this after the one before"},
+            "listen.deadline_us", limit, within(&Run::listening, &Listening::deadline)),
+      field({"listen.period", "", "", "expected period of these topics; a message is late after 1.5 periods"},
+            "listen.period_us", limit, within(&Run::listening, &Listening::period)),
+      field({"listen.age", "", "", "a message is late if it is older than this when taken"}, "listen.age_us",
+            limit, within(&Run::listening, &Listening::age))};
 }
 
 // Groups that are null in JSON as long as they are not requested.
@@ -321,9 +316,7 @@ const std::vector<Key>& keys() {
 
 std::string current_key(const std::string& key) {
   constexpr std::pair<std::string_view, const char*> renamed[] = {{"neighbours", "background"},
-                                                                  {"adds-to", "baseline"},
-                                                                  {"reach", "host-prefix"},
-                                                                  {"place", "command-prefix"}};
+                                                                  {"adds-to", "baseline"}};
   for (const auto& [old, current] : renamed)
     if (key == old || (key.starts_with(old) && key[old.size()] == '.'))
       return current + key.substr(old.size());

@@ -22,6 +22,7 @@ using Json = const nlohmann::json&;
 template <typename Value>
 struct Codec {
   std::function<Value(Text)> of_text;
+  std::function<std::string(const Value&)> to_text;  // empty: "" is its text
   std::function<nlohmann::json(const Value&)> to_json;
   std::function<Value(Json)> of_json;
   std::string values{};  // for people, where they follow from it: "on|off"
@@ -40,34 +41,38 @@ auto within(Members... path) {
 
 inline constexpr auto client = Field::For::client, both = Field::For::both;
 
-// `made`: its key, flag and help.
+// A key whose text sets that place. Its default is what a run has there; "none": no text sets that.
 template <typename Value>
-Field field(Field made, std::string json, Codec<Value> codec, Place<Value> place) {
-  if (made.values.empty()) made.values = codec.values;
+Field said_at(Field key, Codec<Value> codec, Place<Value> place) {
+  if (key.by_default.empty()) try {
+      Run run;
+      key.by_default = codec.to_text ? codec.to_text(place(run)) : "";
+      codec.of_text(key.by_default);
+    } catch (const std::invalid_argument&) {
+      key.by_default = "none";
+    }
+  if (key.values.empty()) key.values = codec.values;
+  key.set = [place, of_text = codec.of_text](Run& run, Text text) { place(run) = of_text(text); };
+  return key;
+}
+// A field that JSON has; `made`: its key, if it has one.
+template <typename Value>
+Field recorded(std::string json, Codec<Value> codec, Place<Value> place, Field made = {}) {
   made.unit = codec.unit;
-  if (!made.path.empty() && codec.of_text)
-    made.set = [place, of_text = codec.of_text](Run& run, Text text) { place(run) = of_text(text); };
-  if (json.empty()) return made;
   made.json = std::move(json);
   // A place is where to read and to write; a copy of a whole run to read one value would be a waste.
   made.to_json = [place, to = codec.to_json](const Run& run) { return to(place(const_cast<Run&>(run))); };
   made.from_json = [place, of_json = codec.of_json](Run& run, Json from) { place(run) = of_json(from); };
   return made;
 }
-// A field that only JSON has.
+// `key`: its path, flag and help.
 template <typename Value>
-Field recorded(std::string json, Codec<Value> codec, Place<Value> place) {
-  return field<Value>({}, std::move(json), std::move(codec), std::move(place));
+Field field(Field key, std::string json, Codec<Value> codec, Place<Value> place) {
+  return recorded(std::move(json), codec, place, said_at(std::move(key), codec, place));
 }
 // A field whose text `set` parses in its own way.
 inline Field said(Field field, std::function<void(Run&, Text)> set) {
   field.set = std::move(set);
-  return field;
-}
-
-// A field that a record stores only as these parts.
-inline Field made_of(std::vector<std::string> parts, Field field) {
-  field.parts = std::move(parts);
   return field;
 }
 
@@ -78,14 +83,19 @@ double finite(Json);  // throws if it is not a finite number
 
 // In JSON as it is.
 template <typename Value>
-Codec<Value> plain(std::function<Value(Text)> of_text = {}, std::string values = {}) {
-  return {std::move(of_text), [](const Value& value) { return nlohmann::json(value); },
+Codec<Value> plain(std::function<Value(Text)> of_text = {},
+                   std::function<std::string(const Value&)> to_text = {}, std::string values = {}) {
+  return {std::move(of_text), std::move(to_text), [](const Value& value) { return nlohmann::json(value); },
           [](Json from) { return from.get<Value>(); }, std::move(values)};
 }
 inline Codec<std::string> text() {
-  return plain<std::string>([](Text text) { return text; });
+  const auto same = [](Text text) { return text; };
+  return plain<std::string>(same, same);
 }
-inline Codec<bool> on_or_off() { return plain<bool>(yes_or_no, "on|off"); }
+inline Codec<bool> on_or_off() {
+  return plain<bool>(
+      yes_or_no, [](bool is_on) { return is_on ? "on" : "off"; }, "on|off");
+}
 // Where the value without a statement (off, empty) is null in JSON.
 template <typename Value>
 Codec<Value> or_null(Codec<Value> codec) {
@@ -99,8 +109,11 @@ Codec<std::optional<Value>> optional(Codec<Value> codec) {
   using Optional = std::optional<Value>;
   return {
       [of_text = codec.of_text](Text text) { return Optional(of_text(text)); },
+      [to_text = codec.to_text](const Optional& value) { return value ? to_text(*value) : ""; },
       [to_json = codec.to_json](const Optional& value) { return value ? to_json(*value) : nlohmann::json(); },
-      [of_json = codec.of_json](Json from) { return Optional(of_json(from)); }, codec.values, codec.unit};
+      [of_json = codec.of_json](Json from) { return Optional(of_json(from)); },
+      codec.values,
+      codec.unit};
 }
 
 template <typename Number>
@@ -118,7 +131,8 @@ nlohmann::json as_is(const Number& value) {
 // A number that `of_text` reads.
 template <typename Number>
 Codec<Number> number(std::type_identity_t<std::function<Number(Text)>> of_text) {
-  return {std::move(of_text), as_is<Number>, whole<Number>};
+  return {std::move(of_text), [](Number value) { return fmt::to_string(value); }, as_is<Number>,
+          whole<Number>};
 }
 template <typename Number>
 Codec<Number> number(std::int64_t least, std::int64_t most) {
@@ -128,12 +142,15 @@ Codec<Number> number(std::int64_t least, std::int64_t most) {
 }
 inline Codec<std::uint64_t> size(std::function<std::uint64_t(Text)> of_text = bytes_of) {
   auto codec = number<std::uint64_t>(std::move(of_text));
+  codec.to_text = [](std::uint64_t bytes) { return fmt::format("{} B", bytes); };
   codec.values = "SIZE";
   codec.unit = Field::Unit::bytes;
   return codec;
 }
 inline Codec<double> share(std::function<double(Text)> of_text = share_of) {
-  return {std::move(of_text), as_is<double>, finite, "PERCENT", Field::Unit::share};
+  return {std::move(of_text), [](double value) { return fmt::format("{:.4g} %", value * 100); },
+          as_is<double>,      finite,
+          "PERCENT",          Field::Unit::share};
 }
 
 // A time that JSON gives in a unit of µs or s.
@@ -148,8 +165,10 @@ inline Codec<std::chrono::nanoseconds> time(double unit_ns,
                                             std::function<std::chrono::nanoseconds(Text)> of_text) {
   return {
       std::move(of_text),
+      [](std::chrono::nanoseconds value) { return text_of(value); },
       [=](const std::chrono::nanoseconds& value) { return nlohmann::json(in_us(value) / (unit_ns / us)); },
-      [=](Json from) { return time_from(from, unit_ns); }, "TIME",
+      [=](Json from) { return time_from(from, unit_ns); },
+      "TIME",
       unit_ns == us ? Field::Unit::us : Field::Unit::s};
 }
 
@@ -164,7 +183,8 @@ Codec<Value> words(std::initializer_list<Value> all, const char* (*word_of)(Valu
       if (word == text) return value;
     throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, fmt::join(names, ", ")));
   };
-  return {of_text, [word_of](const Value& value) { return nlohmann::json(word_of(value)); },
+  return {of_text, [word_of](const Value& value) { return std::string(word_of(value)); },
+          [word_of](const Value& value) { return nlohmann::json(word_of(value)); },
           [of_text](Json from) { return of_text(from.get<std::string>()); },
           fmt::format("{}", fmt::join(names, "|"))};
 }

@@ -26,16 +26,18 @@ Fields load_fields(const std::string& host, Workers Run::*load) {
     return field({fmt::format("load.{}.{}", host, kind), "", "N", help},
                  fmt::format("load.{}.{}", host, kind), number<int>(0, 1024), within(load, workers));
   };
-  const auto bytes = [=](const std::string& kind, const std::string& help, std::uint64_t Workers::*each) {
-    return field({fmt::format("load.{}.{}-bytes", host, kind), "", "", help},
+  // Their defaults are those of background::fit().
+  const auto bytes = [=](const std::string& kind, const std::string& help, const char* by_default,
+                         std::uint64_t Workers::*each) {
+    return field({fmt::format("load.{}.{}-bytes", host, kind), "", "", help, client, "", by_default},
                  fmt::format("load.{}.{}_bytes", host, kind), size(size_of), within(load, each));
   };
-  return {number_of_workers("cpu", "stress-ng workers that compute: 0", &Workers::cpu),
-          number_of_workers("vm", "stress-ng workers that write to memory: 0", &Workers::vm),
-          number_of_workers("io", "stress-ng workers that call sync(2): 0", &Workers::io),
-          number_of_workers("hdd", "stress-ng workers that write files: 0", &Workers::hdd),
-          bytes("vm", "memory of each vm worker: 256 MiB", &Workers::vm_bytes),
-          bytes("hdd", "file size of each hdd worker: 1 GiB", &Workers::hdd_bytes)};
+  return {number_of_workers("cpu", "stress-ng workers that compute", &Workers::cpu),
+          number_of_workers("vm", "stress-ng workers that write to memory", &Workers::vm),
+          number_of_workers("io", "stress-ng workers that call sync(2)", &Workers::io),
+          number_of_workers("hdd", "stress-ng workers that write files", &Workers::hdd),
+          bytes("vm", "memory of each vm worker", "256 MiB", &Workers::vm_bytes),
+          bytes("hdd", "file size of each hdd worker", "1 GiB", &Workers::hdd_bytes)};
 }
 
 std::uint64_t datagram_of(Text text) {
@@ -55,13 +57,13 @@ Codec<Direction> direction() {
 
 Fields traffic_fields() {
   return {
-      field({"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way: none"},
+      field({"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way"},
             "traffic.bit_s", number<std::uint64_t>(bit_rate_of), within(&Run::traffic, &Traffic::bits_per_s)),
-      field({"traffic.direction", "", "", "direction of the traffic: both"}, "traffic.direction", direction(),
+      field({"traffic.direction", "", "", "direction of the traffic"}, "traffic.direction", direction(),
             within(&Run::traffic, &Traffic::direction)),
-      field({"traffic.datagram", "", "", "payload of each datagram of the traffic: 1470 B"},
-            "traffic.datagram_bytes", size(datagram_of), within(&Run::traffic, &Traffic::datagram_bytes)),
-      field({"traffic.priority", "", "", "SCHED_FIFO priority of iperf3: none"}, "traffic.priority",
+      field({"traffic.datagram", "", "", "payload of each datagram of the traffic"}, "traffic.datagram_bytes",
+            size(datagram_of), within(&Run::traffic, &Traffic::datagram_bytes)),
+      field({"traffic.priority", "", "", "SCHED_FIFO priority of iperf3"}, "traffic.priority",
             number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
 }
 
@@ -74,8 +76,12 @@ Codec<microseconds> delay() {
       throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
     return whole;
   };
-  return {of_text, [](microseconds value) { return json(value.count()); },
-          [](Json from) { return microseconds(whole<std::int64_t>(from)); }, "TIME", Field::Unit::us};
+  return {of_text,
+          [](microseconds value) { return text_of(value); },
+          [](microseconds value) { return json(value.count()); },
+          [](Json from) { return microseconds(whole<std::int64_t>(from)); },
+          "TIME",
+          Field::Unit::us};
 }
 
 Codec<std::string> qdisc() {
@@ -113,7 +119,8 @@ Field cut() {
   return {.path = "link.cut",
           .flag = "",
           .values = "TIME for TIME",
-          .help = "when the link is cut, and for how long, such as '10 s for 500 ms': none",
+          .help = "when the link is cut, and for how long, such as '10 s for 500 ms'",
+          .by_default = "none",
           .set =
               [](Run& run, Text text) {
                 run.cut = cut_of(text);
@@ -139,40 +146,41 @@ Fields link_fields() {
   const auto launch = time(us, up_to_an_hour);
   const Codec<std::int64_t> launch_ns{
       [=](Text text) { return launch.of_text(text).count(); },
+      [](std::int64_t ns) { return text_of(nanoseconds(ns)); },
       [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
-      [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
+      [=](Json from) { return launch.of_json(from).count(); },
+      "TIME",
+      Field::Unit::us};
   return {
-      field({"link.loss", "", "", "share of arriving frames that each end drops, such as '1 %': none", client,
+      field({"link.loss", "", "", "share of arriving frames that each end drops, such as '1 %'", client,
              "drops {}"},
             "link.loss", share(), within(&Run::faults, &Faults::loss)),
-      field({"link.duplicate", "", "", "share of frames that each end sends twice: none", client,
-             "duplicates {}"},
+      field({"link.duplicate", "", "", "share of frames that each end sends twice", client, "duplicates {}"},
             "link.duplicates", share(), within(&Run::faults, &Faults::duplicates)),
-      field({"link.delay", "", "", "delay of all frames that each end sends: none", client, "delays {}"},
+      field({"link.delay", "", "", "delay of all frames that each end sends", client, "delays {}"},
             "link.delay_us", delay(), within(&Run::faults, &Faults::delay)),
-      field({"link.jitter", "", "", "variation of link.delay, up or down: none", client,
-             "varies the delay by {}"},
+      field({"link.jitter", "", "", "variation of link.delay, up or down", client, "varies the delay by {}"},
             "link.jitter_us", delay(), within(&Run::faults, &Faults::jitter)),
-      field({"link.reorder", "", "", "share of frames that skip link.delay and overtake others: none", client,
+      field({"link.reorder", "", "", "share of frames that skip link.delay and overtake others", client,
              "reorders {}"},
             "link.reordered", share(), within(&Run::faults, &Faults::reordered)),
       field({"link.qdisc", "", "TEXT",
-             "queueing discipline of both ends, in tc's syntax, such as 'prio bands 3': kernel default",
-             client, "qdisc {}"},
+             "queueing discipline of both ends, in tc's syntax, such as 'prio bands 3'", client, "qdisc {}",
+             "kernel default"},
             "link.qdisc", qdisc(), within(&Run::faults, &Faults::qdisc)),
-      field({"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY): unchanged",
-             client, "sends messages with priority {}"},
+      field({"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY)", client,
+             "sends messages with priority {}", "unchanged"},
             "link.message_priority", optional(number<int>(0, 15)),
             within(&Run::faults, &Faults::message_priority)),
-      field({"link.traffic-priority", "", "", "priority of the traffic's packets (SO_PRIORITY): unchanged",
-             client, "sends traffic with priority {}"},
+      field({"link.traffic-priority", "", "", "priority of the traffic's packets (SO_PRIORITY)", client,
+             "sends traffic with priority {}", "unchanged"},
             "link.traffic_priority", optional(number<int>(0, 15)),
             within(&Run::faults, &Faults::traffic_priority)),
-      field({"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
-             "marks messages with DSCP {}"},
+      field({"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF)", client,
+             "marks messages with DSCP {}", "unchanged"},
             "link.dscp", optional(number<int>(0, 63)), within(&Run::faults, &Faults::dscp)),
       field({"launch-time", "", "",
-             "launch time of each message, after its due time; needs an etf in link.qdisc: none", client,
+             "launch time of each message, after its due time; needs an etf in link.qdisc", client,
              "launched {} after it was due"},
             "launch_us", launch_ns, within(&Run::task, &Task::config, &transport::Config::launch_ns)),
       cut()};
@@ -180,8 +188,9 @@ Fields link_fields() {
 
 // The record stores a rate in Hz instead of a period.
 Codec<nanoseconds> rate() {
-  return {period_of_rate,
-          [](const nanoseconds& period) { return json(1e9 / static_cast<double>(period.count())); },
+  const auto hz = [](nanoseconds period) { return 1e9 / static_cast<double>(period.count()); };
+  return {period_of_rate, [=](nanoseconds period) { return fmt::format("{:g} Hz", hz(period)); },
+          [=](nanoseconds period) { return json(hz(period)); },
           [](Json from) {
             const auto ns = 1e9 / finite(from);
             if (!(ns >= 1) || ns > 9e18) throw std::invalid_argument(from.dump() + " is not a rate");
@@ -255,28 +264,27 @@ Fields background_fields() {
   using Options = roundtrip::BackgroundOptions;
   using roundtrip::Where, transport::Reliability;
   return {
-      of_background({"topics", "", "", "number of background topics beside the critical one: none"}, "topics",
+      of_background({"topics", "", "", "number of background topics beside the critical one"}, "topics",
                     number<int>(1, 100), &Options::topics),
       of_background(
           {"where", "", "",
-           "what background topics share with the critical one, the last four with ros2 only: "
-           "same-participant"},
+           "what background topics share with the critical one, the last four with ros2 only"},
           "where",
           words({Where::same_participant, Where::same_process, Where::other_process,
                  Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor},
                 static_cast<const char* (*)(Where)>(roundtrip::word_of)),
           &Options::where),
-      of_background({"rate", "", "", "message rate of each background topic and direction: 100 Hz"},
-                    "rate_hz", rate(), &Options::period),
-      of_background({"payload", "", "", "payload of each background message: 1 kB"}, "payload_bytes",
+      of_background({"rate", "", "", "message rate of each background topic and direction"}, "rate_hz",
+                    rate(), &Options::period),
+      of_background({"payload", "", "", "payload of each background message"}, "payload_bytes",
                     size(payload_of), &Options::payload_bytes),
-      of_background(
-          {"reliability", "", "", "reliability of background topics, which keep the last 10: best-effort"},
-          "reliability", reliability(), &Options::reliability),
+      of_background({"reliability", "", "", "reliability of background topics, which keep the last 10"},
+                    "reliability", reliability(), &Options::reliability),
       {.path = "background.direction",
        .flag = "",
        .values = direction().values,
-       .help = "direction of background messages: both",
+       .help = "direction of background messages",
+       .by_default = "both",
        .set =
            [](Run& run, Text text) {
              run.describes_background = true;
@@ -286,41 +294,41 @@ Fields background_fields() {
        .parts = {"neighbours.there", "neighbours.back"}},
       recorded("neighbours.there", on_or_off(), within(&Run::task, &Task::background, &Options::there)),
       recorded("neighbours.back", on_or_off(), within(&Run::task, &Task::background, &Options::back)),
-      of_background(
-          {"priority", "", "", "SCHED_FIFO priority of threads that only background topics use: none"},
-          "priority", number<int>(1, 99), &Options::priority),
-      of_background({"callback", "", "", "CPU time that the callback of each background message takes: none"},
+      of_background({"priority", "", "", "SCHED_FIFO priority of threads that only background topics use"},
+                    "priority", number<int>(1, 99), &Options::priority),
+      of_background({"callback", "", "", "CPU time that the callback of each background message takes"},
                     "callback_us", time(us, up_to_an_hour), &Options::callback)};
 }
 
 Fields isolation_fields() {
   auto cpus = text();
   cpus.of_text = cpus_of;
-  return {field({"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client,
-                 "CPUs {} reserved"},
-                "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
-          field({"isolation.interrupts", "", "",
-                 "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
-                 "interrupts on other CPUs"},
-                "isolation.interrupts", on_or_off(), within(&Run::isolation, &Isolation::interrupts)),
-          field({"isolation.load-quota", "", "PERCENT|none",
-                 "CPU time for load and traffic together; 100 % is one CPU: no limit", client,
-                 "load and traffic with {} of a CPU"},
-                "isolation.load_quota", share(quota_of), within(&Run::isolation, &Isolation::load_quota)),
-          field({"isolation.load-weight", "", "1-10000|none",
-                 "weight of load and traffic together; other processes have 100: none", client,
-                 "load and traffic of weight {}"},
-                "isolation.load_weight", number<int>([](Text text) {
-                  return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
-                }),
-                within(&Run::isolation, &Isolation::load_weight))};
+  return {
+      field({"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends", client, "CPUs {} reserved"},
+            "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
+      field({"isolation.interrupts", "", "",
+             "move the interface's interrupts and the kernel's unbound work to other CPUs", client,
+             "interrupts on other CPUs"},
+            "isolation.interrupts", on_or_off(), within(&Run::isolation, &Isolation::interrupts)),
+      field({"isolation.load-quota", "", "PERCENT|none",
+             "CPU time for load and traffic together; 100 % is one CPU", client,
+             "load and traffic with {} of a CPU", "no limit"},
+            "isolation.load_quota", share(quota_of), within(&Run::isolation, &Isolation::load_quota)),
+      field({"isolation.load-weight", "", "1-10000|none",
+             "weight of load and traffic together; other processes have 100", client,
+             "load and traffic of weight {}"},
+            "isolation.load_weight", number<int>([](Text text) {
+              return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
+            }),
+            within(&Run::isolation, &Isolation::load_weight))};
 }
 
 Fields kernel_fields() {
   Fields all{{.path = "kernel.preset",
               .flag = "",
               .values = "paper|none",
-              .help = "paper: irq-threads 90 and ksoftirqd 60, as in the paper: none",
+              .help = "paper: irq-threads 90 and ksoftirqd 60, as in the paper",
+              .by_default = "none",
               .set = set_preset}};
   for (const auto& [name, value] : settings::paper()) all.front().parts.push_back("kernel." + name);
   for (const auto& setting : settings::table())
@@ -328,6 +336,7 @@ Fields kernel_fields() {
                    .flag = "",
                    .values = fmt::format("{}|{}", setting.values, unchanged),
                    .help = setting.help,
+                   .by_default = unchanged,
                    .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); },
                    .parts = {fmt::format("kernel.{}", setting.name)}});
   all.push_back(recorded("kernel", or_null(plain<settings::Wishes>()), &Run::kernel));

@@ -41,11 +41,10 @@ Field setting(Field how, const std::vector<std::string>& parts, SetSettings set)
   how.end = both;
   for (const auto& part : parts) how.parts.push_back("realtime_settings." + part);
   return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
-    auto checked = run.task.realtime;  // an invalid value is refused even where it has no effect
-    set(checked, text);
-    if (run.realtime_refused) return;
-    set_realtime_on(run);
-    set(run.task.realtime, text);
+    if (!run.realtime_refused) set_realtime_on(run);
+    auto settings = run.task.realtime;
+    set(settings, text);  // an invalid value is refused even where it has no effect
+    if (!run.realtime_refused) run.task.realtime = std::move(settings);
   });
 }
 
@@ -142,7 +141,7 @@ Fields realtime_fields() {
   Fields all{
       said(field({"realtime", "--realtime", "",
                   "lock memory; avoid deep idle states; SCHED_FIFO 80 for threads that a message passes "
-                  "through, 70 for the middleware's others: off",
+                  "through, 70 for the middleware's others",
                   both},
                  "realtime", on_or_off(), within(&Run::task, &Task::realtime, &RealtimeSettings::on)),
            set_realtime),
@@ -159,7 +158,7 @@ Fields realtime_fields() {
       add_threads(all, "realtime." + role, "--" + role + "-", {role}, "threads of role " + role);
   all.push_back(recorded(
       "realtime_settings",
-      Codec<RealtimeSettings>{{}, [](const auto& settings) { return json_of(settings); }, settings_of},
+      Codec<RealtimeSettings>{{}, {}, [](const auto& settings) { return json_of(settings); }, settings_of},
       within(&Run::task, &Task::realtime)));
   return all;
 }

@@ -6,17 +6,16 @@
 #include <stdexcept>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
-#include "journal/journal.hpp"
 #include "scenario/document.hpp"
 
 namespace ontime::scenario {
 namespace {
 
-using conditions::bit_rate_of, conditions::Host, conditions::Key, conditions::keys, conditions::number_of;
+using conditions::Host, conditions::Key, conditions::keys, conditions::PartKey;
 
 constexpr std::size_t most_components = 32;
-constexpr int most_vlan = 4094;
 constexpr std::size_t longest_name = 12;  // "to-NAME" is an interface
 
 class HostsOfFile {
@@ -69,6 +68,14 @@ class HostsOfFile {
                              most_components));
   }
 
+  void read_wire(const YAML::Node& node) {
+    if (hosts_.kind != Hosts::Kind::namespaces || hosts_.components.size() > 1)
+      fail(node, "wire: it needs hosts: namespaces with one component");
+    if (!node.IsMap() || node.size() == 0)
+      fail(node, "wire: it needs a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
+    read_keys(node, "wire.", conditions::wire_keys(), hosts_.wire);
+  }
+
   Hosts take() { return std::move(hosts_); }
 
  private:
@@ -110,66 +117,53 @@ class HostsOfFile {
   }
 
   Host host_of(const YAML::Node& node) {
-    const std::string keys = "a host has ssh, host-prefix, command-prefix, program, interface, address";
-    if (!node.IsMap()) fail(node, keys);
-    once_each(file_, node);
     Host host;
-    std::set<std::string> read;
-    for (const auto& entry : node) {
-      const auto stated = entry.first.Scalar();
-      const auto key = conditions::current_key(stated);
-      const auto& value = entry.second;
-      if (key != stated) note_renamed(notices_, file_, entry.first.Mark(), stated, key);
-      if (!read.insert(key).second) fail(entry.first, fmt::format("'{}' occurs twice", key));
-      if (key == "ssh")
-        host.ssh = read_destination(value);
-      else if (key == "host-prefix")
-        host.host_prefix = read_words(value, key);
-      else if (key == "command-prefix")
-        host.command_prefix = read_words(value, key);
-      else if (key == "program")
-        host.program = scalar_of(file_, value, key);
-      else if (key == "interface")
-        host.interface = read_interface(value);
-      else if (key == "address")
-        host.address = scalar_of(file_, value, key);
-      else if (key == "prefix")
+    for (const auto& entry : node)
+      if (node.IsMap() && entry.first.IsScalar() && entry.first.Scalar() == "prefix")
         fail(entry.first,
              "prefix no longer exists; state the machine, such as ssh: robot, and a command prefix, such as "
              "command-prefix: [ip, netns, exec, robot]");
-      else
-        fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
-    }
+    read_keys(node, "", conditions::host_keys(), host);
     return host;
   }
 
-  std::string read_destination(const YAML::Node& node) const {
-    auto destination = scalar_of(file_, node, "ssh");
-    const auto odd = [](unsigned char c) { return c <= ' ' || c == 0x7f; };
-    if (destination[0] == '-' || std::any_of(destination.begin(), destination.end(), odd))
-      fail(node, fmt::format(
-                     "ssh: '{}' is not an ssh destination, such as robot, user@host or ssh://user@host:port",
-                     destination));
-    return destination;
+  // `above`: "wire.", before the names of its keys.
+  template <typename Of>
+  void read_keys(const YAML::Node& node, const std::string& above, const std::vector<PartKey<Of>>& keys,
+                 Of& of) {
+    std::vector<std::string> allowed;
+    for (const auto& key : keys) allowed.push_back(key.path);
+    if (!node.IsMap())
+      fail(node, fmt::format("keys and values are needed here: {}", fmt::join(allowed, ", ")));
+    once_each(file_, node);
+    std::set<std::string> read;
+    for (const auto& entry : node) {
+      const auto &name = entry.first, &value = entry.second;
+      const auto stated = name.Scalar();
+      const auto is_it = [&](const auto& key) { return key.path == stated || key.earlier == stated; };
+      const auto key = std::ranges::find_if(keys, is_it);
+      if (key == keys.end())
+        fail(name,
+             fmt::format("unknown key '{}{}'; allowed keys: {}", above, stated, fmt::join(allowed, ", ")));
+      if (key->path != stated) note_renamed(notices_, file_, name.Mark(), stated, key->path);
+      const auto path = above + key->path;
+      if (!read.insert(path).second) fail(name, fmt::format("'{}' occurs twice", path));
+      const auto words = words_of(value, path, key->is_list);
+      try {
+        key->set(of, words);
+      } catch (const std::invalid_argument& error) {
+        fail(value, fmt::format("{}: {}", path, error.what()));
+      }
+    }
   }
 
-  // What becomes a command is a list, so that no shell splits it at blanks.
-  std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
+  std::vector<std::string> words_of(const YAML::Node& node, const std::string& key, bool is_list) const {
+    if (!is_list) return {scalar_of(file_, node, key)};
     if (!node.IsSequence())
-      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,
-                             key == "host-prefix" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
+      fail(node, key + ": a list of words is needed, such as [sudo, -n]; they run as a program");
     std::vector<std::string> words;
     for (const auto& word : node) words.push_back(scalar_of(file_, word, key));
     return words;
-  }
-
-  std::string read_interface(const YAML::Node& node) const {
-    auto name = scalar_of(file_, node, "interface");
-    if (!journal::is_interface_name(name))
-      fail(node, fmt::format("interface: '{}' is not an interface name of at most 15 letters, digits and "
-                             "_-.@ (a limit of tc and nft); see \"ip link\"",
-                             name));
-    return name;
   }
 
   const std::string& file_;
@@ -179,37 +173,13 @@ class HostsOfFile {
 
 }  // namespace
 
-Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
-               const std::optional<YAML::Node>& components, Notices& notices) {
+Hosts hosts_of(const std::string& file, const YAML::Node& hosts, const YAML::Node& components,
+               const YAML::Node& wire, Notices& notices) {
   HostsOfFile found(file, notices);
-  if (hosts) found.read(*hosts, components.has_value());
-  if (components) found.read_components(*components);
+  if (hosts) found.read(hosts, components.IsDefined());
+  if (components) found.read_components(components);
+  if (wire) found.read_wire(wire);
   return found.take();
-}
-
-void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
-  const auto fail = [&](const YAML::Node& at, const std::string& message) {
-    fail_at(file, at.Mark(), "wire: " + message);
-  };
-  if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
-    fail(node, "it needs hosts: namespaces with one component");
-  if (!node.IsMap() || node.size() == 0)
-    fail(node, "it needs a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
-  once_each(file, node);
-  for (const auto& entry : node) {
-    const auto key = entry.first.Scalar();
-    const auto text = scalar_of(file, entry.second, key);
-    try {
-      if (key == "rate")
-        hosts.wire.bits_per_s = bit_rate_of(text);
-      else if (key == "vlan")
-        hosts.wire.vlan = static_cast<int>(number_of(text, 1, most_vlan));
-      else
-        fail(entry.first, fmt::format("unknown key '{}'; allowed keys: rate, vlan", key));
-    } catch (const std::invalid_argument& error) {
-      fail(entry.second, fmt::format("{}: {}", key, error.what()));
-    }
-  }
 }
 
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {

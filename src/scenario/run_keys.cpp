@@ -76,9 +76,8 @@ Said RunKeys::divided(const std::string& path) const {
 }
 
 std::string RunKeys::current(const std::string& path) const {
-  const auto [component, key] = divided(path);
-  if (component.empty()) return conditions::current_key(path);
-  return key.empty() ? path : component + "." + conditions::current_key(key);
+  const auto key = divided(path).key;
+  return path.substr(0, path.size() - key.size()) + conditions::current_key(key);
 }
 
 Entries RunKeys::flat(const YAML::Node& run) const {
@@ -95,7 +94,8 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
   for (const auto& entry : node) {
     const auto stated = prefix + entry.first.Scalar();
     const auto path = current(stated);
-    if (path != stated) note_renamed(notices_, file_, entry.first.Mark(), stated, path);
+    if (path != stated)
+      note_renamed(notices_, file_, entry.first.Mark(), divided(stated).key, divided(path).key);
     if (entry.second.IsMap()) {
       flatten(entry.second, path + ".", entries);
       continue;

@@ -62,39 +62,29 @@ class File {
     const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
       throw Error(scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
-    std::optional<YAML::Node> hosts, wire, components, defaults, runs, repeat;
-    const std::map<std::string_view, std::optional<YAML::Node>*> nodes = {
-        {"hosts", &hosts},       {"wire", &wire}, {"components", &components},
-        {"defaults", &defaults}, {"runs", &runs}, {"repeat", &repeat}};
     once_each(scenario_.file, root);
-    for (const auto& entry : root) {
-      const auto key = entry.first.Scalar();
-      const auto& value = entry.second;
-      if (key == "title")
-        scenario_.title = scalar(value, key);
-      else if (key == "order")
-        scenario_.interleaved = read_order(value);
-      else if (const auto node = nodes.find(key); node != nodes.end())
-        node->second->emplace(value);
-      else
-        fail(entry.first, fmt::format("unknown key '{}'; allowed keys: title, hosts, wire, components, "
-                                      "defaults, order, repeat, runs",
-                                      key));
-    }
-    if (!runs || !runs->IsSequence() || runs->size() == 0)
-      fail(runs.value_or(root), "runs: a list of runs is needed");
-    scenario_.hosts = hosts_of(scenario_.file, hosts, components, scenario_.notices);
-    if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
-    const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value(), scenario_.notices);
+    constexpr std::string_view allowed[] = {"title",    "hosts", "wire",   "components",
+                                            "defaults", "order", "repeat", "runs"};
+    for (const auto& entry : root)
+      if (const auto key = entry.first.Scalar(); std::ranges::find(allowed, key) == std::end(allowed))
+        fail(entry.first, fmt::format("unknown key '{}'; allowed keys: {}", key, fmt::join(allowed, ", ")));
+    if (const auto title = root["title"]) scenario_.title = scalar(title, "title");
+    if (const auto order = root["order"]) scenario_.interleaved = read_order(order);
+    const auto runs = root["runs"], components = root["components"];
+    if (!runs || !runs.IsSequence() || runs.size() == 0)
+      fail(runs ? runs : root, "runs: a list of runs is needed");
+    scenario_.hosts = hosts_of(scenario_.file, root["hosts"], components, root["wire"], scenario_.notices);
+    const RunKeys keys(scenario_.file, scenario_.hosts, components.IsDefined(), scenario_.notices);
     Origin origin{scenario_.file, scenario_.hosts, keys, selection_};
-    const auto for_all = defaults ? keys.flat(*defaults) : Entries{};
+    const auto defaults = root["defaults"];
+    const auto for_all = defaults ? keys.flat(defaults) : Entries{};
     if (const auto id = for_all.find("id"); id != for_all.end())
       fail(id->second, "id: set it for each run, under runs");
-    for (const auto& run : *runs) read_run(run, for_all, origin);
+    for (const auto& run : runs) read_run(run, for_all, origin);
     check_baselines();
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
     check_wire();
-    if (repeat) read_repeat(*repeat);
+    if (const auto repeat = root["repeat"]) read_repeat(repeat);
     if (selection_.deploy) deploy();
     if (!selection_.cable.empty()) lay_cable(scenario_.file, selection_.cable, scenario_.hosts);
     return std::move(scenario_);
