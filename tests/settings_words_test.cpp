@@ -26,7 +26,7 @@ TEST(Words, InvalidValuesAreRefused) {
            {"threaded-napi", {"on", "off"}},
            {"rps", {"none", "0-1,3"}},
            {"napi-cpus", {"1"}},
-           {"rmem-max", {"8388608"}},
+           {"rmem-max", {"4608", "8388608"}},
            {"governor", {"performance"}},
            {"coalescing", {"rx-usecs=0", "rx-usecs=10,adaptive-rx=off"}}})
     for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
@@ -36,7 +36,7 @@ TEST(Words, InvalidValuesAreRefused) {
            {"irq-threads", {"0", "0=60", "-1", "60 "}},
            {"threaded-napi", {"1", "yes"}},
            {"rps", {"none,1", "1-", "-"}},
-           {"rmem-max", {"0", "8 MiB", "99999999999"}},
+           {"rmem-max", {"0", "4607", "8 MiB", "99999999999"}},
            {"governor", {"../x", "Performance"}},
            {"coalescing",
             {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1",

@@ -43,7 +43,8 @@ void check_cpus(Text asked) {
 void check_cpus_or_none(Text asked) {
   if (asked != "none") check_cpus(asked);
 }
-void check_bytes(Text asked) { check_number(asked, 1, 2147483647); }
+// The kernel refuses buffers below SOCK_MIN_SNDBUF (net/sock.h).
+void check_bytes(Text asked) { check_number(asked, 4608, 2147483647); }
 void check_us(Text asked) { check_number(asked, 0, 1'000'000); }
 void check_coalescing(Text asked) {
   if (asked.empty()) throw std::invalid_argument("the value is empty; state NAME=N,..., such as rx-usecs=0");
