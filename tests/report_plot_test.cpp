@@ -306,13 +306,13 @@ TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
 
 TEST(Gnuplot, MessageDueLongAfterTheOthersIsCountedBesideTheFigure) {
   auto run = plotted("a", "udp");
-  EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("not drawn")));
+  EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));
   run.start_ns = 1000 * ms;
   run.shape.beyond = {sample(0, ms), sample(1, ms)};
   run.shape.beyond[0].due_ns = run.start_ns + std::int64_t{4 * 3600} * 1000 * ms;
   run.shape.beyond[1].due_ns = run.start_ns + std::int64_t{5 * 3600} * 1000 * ms;
   const auto commands = gnuplot_of({run}, {});
-  EXPECT_THAT(commands, HasSubstr("; not drawn: 2 due after 4 h'"));
+  EXPECT_THAT(commands, HasSubstr("'Not drawn: 2 messages due after 4 h'"));
   EXPECT_THAT(commands, HasSubstr("set xrange [0:0.01005]"));
 }
 

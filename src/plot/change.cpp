@@ -25,6 +25,10 @@ constexpr Metric ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_t
                              {Times::response, Figure::p99_9}};
 constexpr Metric shares[] = {{Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
 
+// An end of an interval that is farther from its ratio tells no more than one that is open, and would leave
+// the rest of the axis too little room.
+constexpr double farthest = 1000;
+
 struct Panel {
   std::vector<std::string> title;
   std::vector<std::pair<std::string, Change>> rows;  // by the metric's name
@@ -62,7 +66,10 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
     if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
       const auto& [low, high] = change->lies();
-      const auto lies = !low || !high ? ""
+      const bool is_bounded =
+          low && high &&
+          !(change->ratio && (*low * farthest < *change->ratio || *high > *change->ratio * farthest));
+      const auto lies = !is_bounded ? ""
                         : change->ratio
                             ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
                             : fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100);
@@ -82,9 +89,7 @@ struct Ratios {
   double least = 0.8, greatest = 1.25;
   bool is_cut = false;  // an end of an interval lies beyond
 };
-// All ratios lie within. An end of an interval that is farther from its ratio tells no more than one that is
-// open, and would leave the rest of the axis too little room.
-constexpr double farthest = 1000;
+// All ratios lie within.
 Ratios ratios_of(const std::vector<Panel>& panels) {
   Ratios all;
   for (const auto& panel : panels)

@@ -115,13 +115,14 @@ std::vector<Entry> entries_of(const Group& group) {
   return entries;
 }
 
-// "; 1 message due after 3.2 h is not drawn".
+// "Not drawn: 2 messages due after 3.2 h". Else empty.
 std::string beyond_text(const Summary& summary) {
   const auto& beyond = summary.shape.beyond;
   if (beyond.empty()) return "";
   const auto first_s = seconds_into(summary, std::ranges::min(beyond, {}, &roundtrip::Sample::due_ns).due_ns);
   const auto [unit, unit_s] = unit_for(first_s);
-  return fmt::format("; not drawn: {} due after {:.2g} {}", beyond.size(), first_s / unit_s, unit);
+  return fmt::format("Not drawn: {} due after {:.2g} {}", many(beyond.size(), "message", "messages"),
+                     first_s / unit_s, unit);
 }
 
 // Its slices went with the samples.
@@ -144,7 +145,8 @@ struct Layout {
       auto& title = titles.emplace_back(wrapped(names[i], inner_cm()));
       if (group[i]->has_worst_only)
         for (const auto& line : wrapped(worst_only, inner_cm())) title.push_back(line);
-      title.push_back(text_of(counts_of({group[i]})) + beyond_text(*group[i]));
+      if (const auto text = beyond_text(*group[i]); !text.empty()) title.push_back(text);
+      title.push_back(text_of(counts_of({group[i]})));
       lines[i % rows] = std::max(lines[i % rows], title.size());
     }
     auto others_cm = bottom_cm + legend_cm + 0.2;

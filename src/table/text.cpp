@@ -48,6 +48,16 @@ bool steers(std::uint32_t c) {
          within(0x206a, 0x206f) || c == 0xfeff || within(0xfff9, 0xfffb) || within(0xe0000, 0xe007f);
 }
 
+bool ends_in_digit(const std::string& word) {
+  return !word.empty() && word.back() >= '0' && word.back() <= '9';
+}
+
+// Also before a comma: "2 s, no load".
+bool is_unit(const std::string& word) {
+  const auto units = {"%", "s", "ms", "µs", "ns", "min", "h", "B", "kB", "MB", "GB", "Hz", "kHz"};
+  return std::ranges::find(units, word.substr(0, word.find_last_not_of(".,;:)") + 1)) != units.end();
+}
+
 }  // namespace
 
 std::string printable(const std::string& text) {
@@ -73,8 +83,14 @@ std::size_t width_of(const std::string& text) {
 }
 
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
+  std::vector<std::string> words;
+  for (auto& word : split(paragraph, ' '))
+    if (!words.empty() && ends_in_digit(words.back()) && is_unit(word))
+      words.back() += ' ' + word;
+    else
+      words.push_back(std::move(word));
   std::string text, line = indent;
-  for (const auto& word : split(paragraph, ' ')) {
+  for (const auto& word : words) {
     const bool fresh = line.ends_with(' ') || line.empty();
     if (!fresh && width_of(line) + 1 + width_of(word) > width) {
       text += line + "\n";

@@ -191,6 +191,23 @@ class Page(unittest.TestCase):
         self.assertEqual(int(opened.attribute(svg, "data-shown")), count)
         self.assert_quiet(opened)
 
+    def test_message_due_long_after_the_others_leaves_them_their_room(self):
+        count = 2_000
+        rows = [list(row) for row in results_file.samples(1, count)]
+        rows[-1][2] += 10 ** 6 * results_file.PERIOD_NS * count  # of 20 s
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        svg = "figure.time svg"
+        self.assertEqual(int(opened.attribute(svg, "data-shown")), count)  # and one on either side
+        self.assertGreater(opened.run("return document.querySelector('.columns').getBBox().width"), 500)
+        opened.type(svg, "+++")
+        self.settle(opened)
+        self.assertLess(int(opened.attribute(svg, "data-shown")), count / 4)
+        opened.type(svg, "\ue011")  # Home
+        self.settle(opened)
+        self.assertLess(opened.run("return document.querySelector('.columns').getBBox().width"), 5)
+        self.assert_quiet(opened)
+
     def test_faults_are_found_one_after_another(self):
         rows = [list(row) for row in results_file.samples(1, 20_000)]
         for i, fate in ((4_000, results_file.LATE), (9_999, results_file.LOST)):
