@@ -176,9 +176,7 @@ TEST_P(OverLoopback, AStoppedPongIsSeenByPingAlone) {
   EXPECT_THAT(account.limits, testing::Each(testing::Not(HasSubstr("no trace from the component"))));
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, OverLoopback, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, OverLoopback, testing::Values(true, false), name_of_kernel);
 
 // The second half of the run is an hour later, and the server's clock went 20 ppm faster.
 class Drifting : public ByHand {
@@ -240,13 +238,9 @@ TEST_P(Drifting, UncertaintyGrowsAwayFromAnswers) {
   EXPECT_EQ(drifts.at(samples_.back().sent_ns).difference_ns, ahead + drift + 5 * us);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Drifting, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Drifting, testing::Values(true, false), name_of_kernel);
 
-INSTANTIATE_TEST_SUITE_P(Kernel, ByHand, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, ByHand, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

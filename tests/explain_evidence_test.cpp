@@ -327,9 +327,7 @@ TEST_P(Evidence, LostAnswerThatArrivedIsReported) {
   EXPECT_EQ(part.stage, Stage::delivered);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Evidence, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Evidence, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

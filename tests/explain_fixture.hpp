@@ -174,5 +174,9 @@ class Explained : public testing::TestWithParam<bool> {
   json component_threads_ = threads({{answers, "receive"}});
 };
 
+std::string name_of_kernel(const testing::TestParamInfo<bool>& tells_leaving_idle) {
+  return tells_leaving_idle.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+}
+
 }  // namespace
 }  // namespace ontime::explain

@@ -178,9 +178,7 @@ TEST_P(Links, AnswerWithoutARouteAfterADelayIsUnreachable) {
   EXPECT_EQ(part.end, "component");
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Links, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Links, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

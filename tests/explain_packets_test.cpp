@@ -149,9 +149,7 @@ TEST_P(Fragments, TheNextMessageIsNotAFragmentOfThisOne) {
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Fragments, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Fragments, testing::Values(true, false), name_of_kernel);
 
 // Of threaded NAPI.
 class Napi : public Packets {
@@ -243,17 +241,11 @@ TEST_P(Wire, APacketThatIsDroppedLaterByItsNumberIsAnother) {
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Wire, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Wire, testing::Values(true, false), name_of_kernel);
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Napi, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Napi, testing::Values(true, false), name_of_kernel);
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Packets, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Packets, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

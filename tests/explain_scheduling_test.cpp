@@ -222,9 +222,7 @@ TEST_P(Cpus, ARealTimeThreadThatWaitsForOrdinaryOnesOnTwoCpusIsThrottled) {
   EXPECT_GT(first(message).ns, 11 * ms);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Cpus, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Cpus, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

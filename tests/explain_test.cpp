@@ -282,9 +282,7 @@ TEST_P(Explained, ThreadThatCameFirstIsNotDelayedByTheEarlierOne) {
   EXPECT_EQ(first(message(late(0, 14 * ms, 0))).cause, Cause::cpu);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

@@ -168,9 +168,7 @@ TEST(Sample, CyclesDuringAWaitForAnAnswerAreNotSkippedBySleep) {
   EXPECT_EQ(awaited_since_ns(sample), 10 * ms);
 }
 
-INSTANTIATE_TEST_SUITE_P(Kernel, Waits, testing::Values(true, false), [](const auto& told) {
-  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
-});
+INSTANTIATE_TEST_SUITE_P(Kernel, Waits, testing::Values(true, false), name_of_kernel);
 
 }  // namespace
 }  // namespace ontime::explain

@@ -328,7 +328,9 @@ TEST(LibraryFile, UnreadableFileIsRefusedWithTheReason) {
   }
 }
 
-TEST(LibraryFile, MissingFunctionHasNoPlace) { EXPECT_FALSE(Library("/proc/self/exe", {"rmw_publish"}).exit("rmw_publish")); }
+TEST(LibraryFile, MissingFunctionHasNoPlace) {
+  EXPECT_FALSE(Library("/proc/self/exe", {"rmw_publish"}).exit("rmw_publish"));
+}
 
 }  // namespace
 }  // namespace ontime::listen

@@ -166,17 +166,6 @@ bool can_help(const std::string& key, const Part& part) {
   return true;
 }
 
-bool has_already(const record::Run& run, const Setting& setting) {
-  const auto& realtime = run.asked.task.realtime;
-  if (setting.key == "realtime") return realtime.on;
-  if (setting.key == "realtime.lock-memory") return realtime.lock_memory;
-  if (setting.key == "realtime.cpu-latency") return realtime.cpu_latency == std::chrono::microseconds(0);
-  constexpr std::string_view kernel = "kernel.";
-  if (!setting.key.starts_with(kernel)) return false;
-  const auto asked = run.asked.kernel.find(setting.key.substr(kernel.size()));
-  return asked != run.asked.kernel.end() && asked->second == setting.value;
-}
-
 // Kernel threads have their own keys.
 Remedy of_kernel_thread(const Part& part) {
   const auto above = filled("above the priority of {1}", part);
@@ -200,7 +189,7 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
   const auto* const own = transport::shipped(transport);  // for records that lack what it declared
   const bool nodes = declared.nodes.value_or(own != nullptr && own->can.nodes);
   const bool shares_threads = declared.shares_threads.value_or(own != nullptr && own->can.shares_threads);
-  const bool ours = task.config.receive == transport::Receive::waitset;  // a thread for each topic
+  const bool has_thread_per_topic = task.config.receive == transport::Receive::waitset;
   switch (background.where) {
     case Where::same_callback_group:
       return true;
@@ -208,9 +197,9 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
     case Where::same_executor:
       return executor == options.end() || executor->second != "multi";
     case Where::same_participant:
-      return !ours && !nodes;
+      return !has_thread_per_topic && !nodes;
     case Where::same_process:
-      return !ours && shares_threads;
+      return !has_thread_per_topic && shares_threads;
     default:
       return false;
   }
@@ -264,6 +253,18 @@ const char* word_of(Stage stage) {
   return words[static_cast<std::size_t>(stage)];
 }
 
+std::string stated(const conditions::Run& run, const std::string& key) {
+  const auto& realtime = run.task.realtime;
+  if (key == "realtime") return realtime.on ? "on" : "";
+  if (key == "realtime.lock-memory") return realtime.lock_memory ? "on" : "";
+  if (key == "realtime.cpu-latency")
+    return realtime.cpu_latency == std::chrono::microseconds(0) ? "0 us" : "";
+  constexpr std::string_view kernel = "kernel.";
+  if (!key.starts_with(kernel)) return "";
+  const auto found = run.kernel.find(key.substr(kernel.size()));
+  return found == run.kernel.end() ? "" : found->second;
+}
+
 std::string sentence_of(const Part& part) {
   return part.cause == Cause::unknown && part.ns == 0 ? sentence_of_lost(part)
                                                       : sentence_of(part, whose(part));
@@ -288,7 +289,7 @@ Remedy remedy_for(const Part& part, const record::Run& run) {
   Remedy remedy{{}, advice_for(part)};
   for (const auto& setting : row_of(part.cause).settings) {
     if (!can_help(setting.key, part)) continue;
-    if (!has_already(run, setting))
+    if (stated(run.asked, setting.key) != setting.value)
       remedy.settings.push_back({filled(setting.key, part), filled(setting.value, part)});
     else if (setting.key == "realtime")
       remedy.advice = filled(

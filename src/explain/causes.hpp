@@ -26,7 +26,7 @@ enum class Cause {
   timer,          // the timer that should have woken it came late
   queue,          // a queueing discipline held the packet
   dropped,        // the kernel dropped the packet
-  unreachable,    // the kernel had no route or no background topic entry for the packet
+  unreachable,    // the kernel had no route or no neighbour entry for the packet
   link_down,      // an interface was down or had no carrier
   unknown
 };

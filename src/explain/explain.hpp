@@ -102,7 +102,7 @@ struct Scene {
     std::int64_t from_ns, to_ns;
   };
   std::vector<Machine> machines;                      // those that were traced
-  std::vector<Thread> threads;                        // ours
+  std::vector<Thread> threads;                        // of both ends
   std::vector<Leg> legs;                              // in order, each from where the one before it ended
   std::optional<std::int64_t> there_ns, answered_ns;  // when the server received and answered it
   std::int64_t uncertainty_ns = 0;                    // of the component's times
@@ -124,6 +124,8 @@ std::string advice_of(const Part&, const std::string& whose);
 
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);
+// The value that the run itself has for a setting of a remedy; "": not set.
+std::string stated(const conditions::Run&, const std::string& key);
 // Without settings that cannot help this thread or that the run already had.
 Remedy remedy_for(const Part&, const record::Run&);
 std::string text_of(const Remedy&);  // in one line

@@ -14,10 +14,10 @@ using trace::Kind;
 
 // The maximum delay of the kernel's report that a link was taken down, or lost its carrier (reported once a
 // second).
-constexpr std::int64_t told_late_ns = 20'000'000, of_carrier_told_late_ns = 1'000'000'000;
+constexpr std::int64_t reported_within_ns = 20'000'000, carrier_reported_within_ns = 1'000'000'000;
 const std::string no_neighbour = "no neighbour";
 
-// Until it does, what it has to do waits.
+// When the thread first had a CPU. Its work waits until then.
 std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns,
                          std::int64_t to_ns) {
   for (const auto& stretch : timeline.of(thread, from_ns, to_ns))
@@ -32,13 +32,13 @@ std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int
 std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64_t to_ns,
                                    std::int64_t most_felt_ns) const {
   if (to_ns < from_ns) return {};  // by two clocks
-  // First those that were down then.
+  // Interfaces that were down at that time come first.
   for (const auto& [felt_ns, taken] :
        {std::pair(std::int64_t{0}, true), {0, false}, {most_felt_ns, true}, {most_felt_ns, false}})
     for (const auto* end : {&client_, &server_})
       for (const auto& down : end->downs) {
         const auto felt_until_ns = down.to_ns + felt_ns;
-        const auto since_ns = down.from_ns - (taken ? told_late_ns : of_carrier_told_late_ns);
+        const auto since_ns = down.from_ns - (taken ? reported_within_ns : carrier_reported_within_ns);
         if (down.taken != taken || since_ns > to_ns || felt_until_ns < from_ns) continue;
         const auto until_ns = std::min(to_ns, felt_until_ns);
         const Stretch when{std::clamp(down.from_ns, from_ns, until_ns), until_ns, State::unknown, -1};
@@ -66,10 +66,10 @@ bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
     });
   };
   for (const auto& event : events) {
-    const bool tells = event.kind == Kind::no_route || event.kind == Kind::no_neighbour;
+    const bool is_refusal = event.kind == Kind::no_route || event.kind == Kind::no_neighbour;
     const bool is_its =
         &from == &client_ ? sends != nullptr && event.thread.id == sends->id : from.has(event.thread.id);
-    if (!tells || !is_its || event.at_ns < from_ns ||
+    if (!is_refusal || !is_its || event.at_ns < from_ns ||
         event.at_ns > ran_from_ns(*from.timeline, event.thread.id, from_ns, event.at_ns) + before_queue_ns ||
         goes_after_all(event))
       continue;

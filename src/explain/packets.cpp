@@ -19,7 +19,7 @@ bool is_handed_on(const Packet& packet, const trace::Event& event) {
 
 }  // namespace
 
-std::vector<Packet> packets_of(const Timeline& timeline, const std::function<bool(std::int32_t)>& ours,
+std::vector<Packet> packets_of(const Timeline& timeline, const std::function<bool(std::int32_t)>& is_sender,
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns) {
   std::vector<Packet> packets;
   std::map<std::int32_t, std::size_t> open;  // by number, those that are not done with
@@ -35,14 +35,14 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
         }
       }
       open.erase(event.packet);
-      if (!ours(event.thread.id)) continue;
+      if (!is_sender(event.thread.id)) continue;
       if (event.packet != 0) open[event.packet] = packets.size();
       packets.push_back({.queued = &event, .queues = {{.in = &event}}});
       continue;
     }
     const auto found = open.find(event.packet);
     if (found == open.end()) {
-      if (event.kind == Kind::dropped && ours(event.thread.id)) packets.push_back({.dropped = &event});
+      if (event.kind == Kind::dropped && is_sender(event.thread.id)) packets.push_back({.dropped = &event});
       continue;
     }
     auto& packet = packets[found->second];

@@ -21,11 +21,11 @@ struct Packet {
   std::vector<Queue> queues{};  // of the interface, and of those that it was handed on to
 };
 
-// Packets of threads that are `ours`, from `from_ns` until `to_ns`, in order. The kernel reuses a packet's
-// number as soon as the packet is freed. The same number on another interface, by the thread that has just
-// sent it, is the same packet, handed on by a bridge or a VLAN. `one_machine`: a received packet is a sent
-// one.
-std::vector<Packet> packets_of(const Timeline&, const std::function<bool(std::int32_t thread)>& ours,
+// Packets of threads for which `is_sender`, from `from_ns` until `to_ns`, in order. The kernel reuses a
+// packet's number as soon as the packet is freed. The same number on another interface, by the thread that
+// has just sent it, is the same packet, handed on by a bridge or a VLAN. `one_machine`: a received packet is
+// a sent one.
+std::vector<Packet> packets_of(const Timeline&, const std::function<bool(std::int32_t thread)>& is_sender,
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns);
 
 }  // namespace ontime::explain

@@ -24,13 +24,13 @@ class Scheduling {
 
  private:
   struct Cpu {
-    Thread last;               // who has it
-    std::int64_t seen_ns = 0;  // when that thread came, or last did something there
+    Thread running;
+    std::int64_t seen_ns = 0;  // when that thread came, or its latest event there
   };
 
   void enter(const Event& event) {
-    if (event.kind == Kind::waits) return;  // by who leaves, and just after it is said to have left
-    see_who_runs(event);
+    if (event.kind == Kind::waits) return;  // its thread has just left the CPU
+    note_running(event);
     if (event.kind == Kind::switched) {
       cpus_[event.cpu] = {event.other, event.at_ns};
       threads_[event.thread.id] = {event.thread, event.at_ns};
@@ -41,17 +41,17 @@ class Scheduling {
       all.push_back({event, event.at_ns});
   }
 
-  // A thread that makes an event on a CPU has it: if that is another than who came, a switch was not traced.
-  void see_who_runs(const Event& event) {
+  // A thread with an event on a CPU runs there. If another thread was switched to last, a switch is missing.
+  void note_running(const Event& event) {
     const auto running = trace::running_at(event);
     const auto cpu = cpus_.find(event.cpu);
     if (cpu == cpus_.end()) {
       if (event.at_ns >= begin_ns_) cpus_[event.cpu] = {known(running, event), event.at_ns};
       return;
     }
-    if (cpu->second.last.id == running) {
+    if (cpu->second.running.id == running) {
       cpu->second.seen_ns = event.at_ns;
-    } else if (cpu->second.last.id == idle || event.at_ns >= begin_ns_) {
+    } else if (cpu->second.running.id == idle || event.at_ns >= begin_ns_) {
       infer_switch(cpu->second, event, running);
     }
   }
@@ -61,24 +61,24 @@ class Scheduling {
     return event.kind == Kind::switched ? event.thread : Thread{running, "", ordinary_priority};
   }
 
-  // Of what it left nothing is known since, but of the idle thread, which is always ready.
+  // The state of the thread that left is unknown; the idle thread is always ready.
   void infer_switch(Cpu& cpu, const Event& event, std::int32_t running) {
     const auto thread = known(running, event);
-    const auto said = threads_.find(running);
-    const auto came_ns = std::max(cpu.seen_ns, said == threads_.end() ? cpu.seen_ns : said->second.at_ns);
+    const auto latest = threads_.find(running);
+    const auto came_ns = std::max(cpu.seen_ns, latest == threads_.end() ? cpu.seen_ns : latest->second.at_ns);
     all.push_back({{.at_ns = came_ns,
                     .cpu = event.cpu,
                     .kind = Kind::switched,
-                    .thread = cpu.last,
+                    .thread = cpu.running,
                     .other = thread,
-                    .what = cpu.last.id == idle ? "R" : ""},
+                    .what = cpu.running.id == idle ? "R" : ""},
                    event.at_ns});
     cpu = {thread, event.at_ns};
   }
 
   struct Known {
     Thread thread;
-    std::int64_t at_ns;  // of the last that was said of it
+    std::int64_t at_ns;  // of its latest event
   };
   const std::int64_t begin_ns_;
   std::map<std::int32_t, Cpu> cpus_;
@@ -93,7 +93,7 @@ std::vector<Scheduled> scheduling_of(const std::vector<Event>& events, std::int6
   for (auto one = all.rbegin(); one != all.rend(); ++one)
     if (one->event.kind == Kind::switched && one->event.at_ns < begin_ns &&
         !later.insert(one->event.cpu).second)
-      one->event.other = {nobody, "", ordinary_priority};
+      one->event.other = {no_thread, "", ordinary_priority};
   return all;
 }
 

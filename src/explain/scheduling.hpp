@@ -23,9 +23,9 @@ struct Scheduled {
 // another thread than the last one switched to makes an event on a CPU, a switch is inferred: after the last
 // event of the earlier thread there, and after the new one was woken. The state of the earlier thread is then
 // unknown (""). From before `begin_ns` only the events that give the state of CPUs and threads at that time
-// are kept. There only switches from idle are inferred; a switch that is not the last of its CPU was kept for
-// the thread that left: the thread that came has left since, and is `nobody` here.
+// are kept. There only switches from idle are inferred. A switch that is not the last one of its CPU is kept
+// for the thread that left. The thread that came has left since: it becomes `no_thread`.
 std::vector<Scheduled> scheduling_of(const std::vector<trace::Event>&, std::int64_t begin_ns);
-inline constexpr std::int32_t nobody = -1;
+inline constexpr std::int32_t no_thread = -1;
 
 }  // namespace ontime::explain

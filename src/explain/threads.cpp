@@ -34,13 +34,13 @@ bool is_outranked(const Held& held, std::int32_t priority) {
 }
 
 // The kernel names one of the threads of the process that sent the signal.
-std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
-  std::string who;
+std::string stopper_of(const Timeline& timeline, std::int64_t before_ns) {
+  std::string stopper;
   for (const auto& event : timeline.events())
     if (event.kind == Kind::signal && event.at_ns <= before_ns &&
         (event.what == sigstop || event.what == sigtstp))
-      who = timeline.name_of(event.other.id);
-  return who;
+      stopper = timeline.name_of(event.other.id);
+  return stopper;
 }
 
 class Follower {
@@ -71,7 +71,7 @@ class Follower {
           ran(stretch);
           break;
         case State::stopped:
-          add(Cause::stopped, stretch, who_stopped(timeline_, stretch.to_ns));
+          add(Cause::stopped, stretch, stopper_of(timeline_, stretch.to_ns));
           break;
         case State::traced:
           add_woken(Cause::traced, stretch, timeline_.waker_of(whose_.thread_id, stretch.to_ns));

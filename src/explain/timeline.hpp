@@ -17,7 +17,7 @@ enum class State {
   unknown,
   sleeps,
   ready,
-  comes,  // its CPU is idle: it runs, or is about to, and only later is it seen that it does
+  comes,  // its CPU is idle: it runs or is about to, and only a later event shows it
   runs,
   stopped,  // by a signal
   traced,   // stopped for a tracer: a debugger, strace
@@ -36,7 +36,7 @@ struct Stretch {
 struct Held {
   std::int64_t from_ns, to_ns;
   trace::Thread thread;
-  bool surely;  // false: it comes, see above
+  bool surely;  // false: State::comes
 };
 struct Interrupted {
   std::int64_t from_ns, to_ns;

@@ -24,7 +24,7 @@ class Usual {
   // does not count as usual. `one_clock`: both ends have the same clock.
   Usual(const record::Reader&, std::int64_t run, bool one_clock);
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
-  // By the client's clock; of an answered message whose server said when.
+  // By the client's clock. The message was answered, and has the server's times.
   std::array<Leg, legs> of(const roundtrip::Sample&) const;
   // To be added to a time of the server's clock, for a message sent at that time of the client's clock.
   std::int64_t server_later_ns(std::int64_t sent_ns) const { return -clocks_.at(sent_ns).difference_ns; }

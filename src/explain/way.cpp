@@ -49,12 +49,12 @@ bool End::has(std::int32_t thread) const {
 // namespaces; over a wire they do not.
 bool hands_packets_over(const End& one, const End& other) {
   if (one.timeline == nullptr || one.timeline->events().empty()) return false;
-  const auto anybody = [](std::int32_t) { return true; };
+  const auto any_thread = [](std::int32_t) { return true; };
   const auto is_of = [](const std::string& interface, const Event& event) {
     return interface.empty() ? event.what != "lo" : event.what == interface;
   };
   const auto& events = one.timeline->events();
-  const auto packets = packets_of(*one.timeline, anybody, true, events.front().at_ns, events.back().at_ns);
+  const auto packets = packets_of(*one.timeline, any_thread, true, events.front().at_ns, events.back().at_ns);
   return std::any_of(packets.begin(), packets.end(), [&](const Packet& packet) {
     const auto goes = [&](const End& from, const End& to) {
       return is_of(from.interface, *packet.queues.back().in) && is_of(to.interface, *packet.received) &&
@@ -88,8 +88,8 @@ const KnownThread* Way::with(const End& end, const std::string& role) {
   return found == end.threads.end() ? nullptr : &*found;
 }
 
-// Of a middleware's several receive threads: the one that ran when the message arrived, else one that should
-// have.
+// A middleware may have several receive threads. Returns the one that ran when the message arrived, else one
+// that should have run.
 const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   if (end.timeline == nullptr) return nullptr;
   const KnownThread* best = nullptr;
@@ -101,8 +101,8 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   if (running.empty()) return best;
-  // A multi-threaded executor has several: the one that answers is the one that sends first. A thread that
-  // takes an answer sends nothing: of these the one that began last, for the others were busy otherwise.
+  // A multi-threaded executor runs several: the thread that sends first is the one that answers. A thread
+  // that takes an answer sends nothing. Then it is the one that began last: the others had other work.
   const auto rank = [&](const KnownThread* one) {
     return std::pair(next_sent_ns(*end.timeline, one->id, at_ns),
                      -running_since_ns(*end.timeline, one->id, at_ns));
@@ -137,10 +137,10 @@ void Way::receiver(Delay& found, const End& end, std::int64_t from_ns, std::int6
 
 // The last of a message's packets, which completes it; or a dropped one.
 Packet Way::last_packet(const End& from, std::int64_t from_ns, std::int64_t to_ns) const {
-  const auto ours = [&](std::int32_t thread) { return from.has(thread); };
+  const auto is_of_end = [&](std::int32_t thread) { return from.has(thread); };
   Packet last;
   std::int64_t carried = 0;
-  for (const auto& one : packets_of(*from.timeline, ours, is_handed_over_, from_ns, to_ns)) {
+  for (const auto& one : packets_of(*from.timeline, is_of_end, is_handed_over_, from_ns, to_ns)) {
     if (one.queued == nullptr) {
       if (carried > 0 || one.dropped->at_ns < from_ns + before_queue_ns) return one;
       continue;
@@ -180,7 +180,7 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
     find_joined(packet, to, to_ns);
     return packet;
   }
-  // Over a wire: the last of its size that had come.
+  // Over a wire it is the last packet of that size that arrived.
   for (const auto& event : to.timeline->events())
     if (may_have_come(packet, to, event, to_ns)) packet.received = &event;
   return packet;
@@ -204,7 +204,7 @@ const Event* dropped_next(const Timeline& timeline, const Event& received, std::
   return is_drop ? &*next : nullptr;
 }
 
-// Over a wire the first that came, if it was dropped there: messages that are sent later come later.
+// Over a wire it is the first packet that came, if it was dropped there: later messages arrive later.
 Packet Way::lost_packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
   auto packet = this->packet(from, to, from_ns, to_ns);
   if (is_handed_over_ || packet.received == nullptr) return packet;
@@ -229,8 +229,8 @@ void Way::held_in_queue(Delay& found, const End& from, const Packet& packet, std
   }
 }
 
-// Through the kernel threads that receive it, the last one first: an interrupt thread may wake a NAPI thread.
-// The thread that ran at that wake-up was only interrupted.
+// The delay in the kernel threads that receive the packet, the last one first: an interrupt thread may wake a
+// NAPI thread. The thread that ran at that wake-up was only interrupted.
 void Way::brought(Delay& found, const End& to, std::int32_t id, std::int64_t from_ns,
                   std::int64_t to_ns) const {
   const auto& timeline = *to.timeline;

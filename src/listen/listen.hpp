@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The robot's own messages: who publishes and takes them, how often, how old they are when they are taken,
-// and which of them are missing. Three sensors see them: probes in the processes, packets on the wire, and a
-// reader of ontime's own. Ordinary thread only.
+// The robot's own messages: which nodes publish and take them, how often, how old they are when they are
+// taken, and which of them are missing. Three sensors see them: probes in the processes, packets on the wire,
+// and a reader of ontime's own. Ordinary thread only.
 #pragma once
 
 #include <chrono>

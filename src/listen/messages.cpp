@@ -284,7 +284,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   for (const auto& [key, publisher] : publishers_) {
     if (publisher.topic != link.topic || link.topic.empty()) continue;
     if (!publisher.fits(seen.stamp_ns)) continue;
-    if (only) return;  // two publishers fit: this message tells nothing
+    if (only) return;  // two publishers fit: the writer stays unknown
     only = key;
   }
   if (only && only == link.candidate) {

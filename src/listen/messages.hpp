@@ -36,7 +36,7 @@ struct Observation {
       writer{};  // of a take: the writer as the reader's middleware names it; 0: unknown
 };
 
-// A stamp tells which publish a take belongs to: it is between that publish and the next of the same
+// A stamp shows which publish a take belongs to: it is between that publish and the next of the same
 // publisher. A writer is taken for one of this machine's publishers after its stamps fit that publisher alone
 // for a second, and as long as they fit.
 class Messages {

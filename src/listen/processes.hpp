@@ -16,7 +16,7 @@
 
 namespace ontime::listen {
 
-// `rcl` sends no messages: it tells when a timer's callback begins.
+// `rcl` sends no messages: its probe shows when a timer's callback begins.
 enum class Middleware : std::uint8_t { rmw, cyclonedds, fastdds, rcl };
 
 struct Mapping {

@@ -15,7 +15,7 @@ constexpr std::size_t header_bytes = 20;
 constexpr std::size_t longest_name = 256;
 constexpr std::array<std::uint8_t, 4> publications_writer{0x00, 0x00, 0x03, 0xc2};
 
-// Reads from the front; bytes beyond the end read as zero, and is_beyond() tells.
+// Reads from the front; bytes beyond the end read as zero, and is_beyond() becomes true.
 class Reader {
  public:
   Reader(Bytes bytes, bool is_little_endian) : bytes_(bytes), is_little_(is_little_endian) {}

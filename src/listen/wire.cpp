@@ -78,7 +78,7 @@ bool Wire::completes(Stream& stream, const rtps::Data& data) {
   return partial.count == fragments.total;
 }
 
-// Without room for another, the oldest complete message goes first: it only tells repeated fragments.
+// If it is full, the oldest complete message goes first: it only serves to recognize repeated fragments.
 Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uint32_t fragments) {
   auto& partial = stream.partial;
   const auto known = std::ranges::find(partial, sequence, &Partial::sequence);

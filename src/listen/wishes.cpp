@@ -48,7 +48,7 @@ Wishes cyclonedds_wishes(const probes_bpf& probes) {
       {"dds_waitset_wait"}};
 }
 
-// The library's code tells where writer and reader store their topic, and the size of an entity. In a topic,
+// The library's code shows where writer and reader store their topic, and the size of an entity. In a topic,
 // the description follows the entity, and has the name behind its table of virtual functions.
 std::optional<Wishes> fastdds_wishes(const probes_bpf& probes, const std::string& path) {
   const auto& programs = probes.progs;

@@ -69,7 +69,7 @@ class Search {
 
   // nothing_left only where failure is proven.
   End not_met() {
-    if (!keeps_to_goal(set_)) leave_out_what_shows_no_effect();
+    if (!keeps_to_goal(set_)) remove_ineffective();
     return measured_.fails(measured_.of(set_), level_of(set_)) ? End::nothing_left : End::not_proven;
   }
 
@@ -240,8 +240,8 @@ class Search {
       if (keeps_to_goal(set_)) {
         if (!measured_alone_.contains(set_)) measure_alone(set_);
         if (keeps_to_goal(set_) && !holds(set_)) return false;
-      } else if (!add_likely_remedies() && !add_a_remedy() && !add_all_remedies() && !add_what_is_left() &&
-                 !reconsider()) {
+      } else if (!add_likely_remedies() && !add_a_remedy() && !add_all_remedies() && !add_remaining() &&
+                 !retry_harmful()) {
         return false;
       }
     }
@@ -328,7 +328,7 @@ class Search {
 
   // Settings that no cause proposes, together, because most have no effect: the first value of each, then the
   // next.
-  bool add_what_is_left() {
+  bool add_remaining() {
     std::size_t most = 0;
     for (const auto& knob : problem_.knobs) most = std::max(most, knob.values.size());
     for (std::size_t value = 0; value < most; ++value) {
@@ -338,14 +338,14 @@ class Search {
             may_be_set({knob.key, knob.values[value]}))
           all.push_back({knob.key, knob.values[value]});
       if (!add(all, "settings without a named cause")) continue;
-      if (!holds(set_)) leave_out_what_shows_no_effect();
+      if (!holds(set_)) remove_ineffective();
       return true;
     }
     return false;
   }
 
   // A setting that harmed another set may help this one.
-  bool reconsider() { return !std::exchange(harmful_, {}).empty(); }
+  bool retry_harmful() { return !std::exchange(harmful_, {}).empty(); }
 
   std::vector<Finding> findings_of(const Set& set) const {
     std::vector<Finding> findings;
@@ -372,7 +372,7 @@ class Search {
   }
 
   // Some members that were added together may harm and hide the effect of others.
-  void leave_out_what_shows_no_effect() {
+  void remove_ineffective() {
     for (auto size = set_.size() / 2; size > 0; size /= 2)
       for (const auto& part : parts(size))
         if (const auto without = set_without(part);
@@ -420,11 +420,11 @@ class Search {
   Contribution contribution_of(const Setting& member) {
     const auto without = set_without({member});
     Contribution contribution{member, {}, measured_.fails(measured_.of(without), level_of(without))};
-    const auto ours = measured_.shares(measured_.of(set_), problem_.alpha / 2);
-    const auto others = measured_.shares(measured_.of(without), problem_.alpha / 2);
+    const auto with_it = measured_.shares(measured_.of(set_), problem_.alpha / 2);
+    const auto without_it = measured_.shares(measured_.of(without), problem_.alpha / 2);
     for (std::size_t limit = 0; limit < measured_.limits(); ++limit)
-      contribution.less.push_back({others[limit].range.low - ours[limit].range.high,
-                                   others[limit].range.high - ours[limit].range.low});
+      contribution.less.push_back({without_it[limit].range.low - with_it[limit].range.high,
+                                   without_it[limit].range.high - with_it[limit].range.low});
     return contribution;
   }
 
@@ -435,7 +435,7 @@ class Search {
   Outcome outcome_;
   Set set_;  // the present one
   std::set<Set> measured_alone_, disproved_;
-  std::set<std::pair<Set, Set>> kept_;  // without the members that stayed, and with them
+  std::set<std::pair<Set, Set>> kept_;  // members that stayed: the set without them, and with them
   std::set<std::pair<std::string, std::string>> refused_, harmful_;
   std::map<Set, std::size_t> statements_;
   std::size_t confirmations_ = 0;

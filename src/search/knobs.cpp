@@ -57,18 +57,6 @@ std::vector<Knob> all_knobs(const Bounds& bounds) {
   return knobs;
 }
 
-// The value in the run itself; "": not set.
-std::string stated(const conditions::Run& run, const std::string& key) {
-  const auto& realtime = run.task.realtime;
-  if (key == "realtime") return realtime.on ? "on" : "";
-  if (key == "realtime.lock-memory") return realtime.lock_memory ? "on" : "";
-  if (key == "realtime.cpu-latency")
-    return realtime.cpu_latency && realtime.cpu_latency->count() == 0 ? "0 us" : "";
-  if (!is_of_kernel(key)) return "";
-  const auto found = run.kernel.find(last_word(key));
-  return found == run.kernel.end() ? "" : found->second;
-}
-
 std::string why_not(const std::string& key, const conditions::Run& run, const Bounds& bounds) {
   if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "excluded by --never";
   if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
@@ -76,7 +64,7 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
   if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
     return fmt::format("no priority is below {}", bounds.below_priority);
   if (is_of_cpus(key) && bounds.cpus.empty()) return "there is only one CPU";
-  if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
+  if (key.starts_with("kernel.napi-") && explain::stated(run, "kernel.threaded-napi") != "on")
     return "NAPI has threads only with kernel.threaded-napi: on in the scenario";
   return "";
 }
@@ -85,7 +73,7 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
 // knob can be tried.
 std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& bounds) {
   if (auto why = why_not(knob.key, run, bounds); !why.empty()) return why;
-  const auto present = stated(run, knob.key);
+  const auto present = explain::stated(run, knob.key);
   const auto is_no_change = [&](const std::string& value) {
     if (value != large_buffer) return value == present;
     return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);

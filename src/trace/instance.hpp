@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The instance of tracefs that is ours: a ring of its own, which no other user of tracing is disturbed by.
+// ontime's own instance of tracefs. It has its own ring buffer, so it disturbs no other user of tracing.
 #pragma once
 
 #include "journal/journal.hpp"
