@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lab/lab.hpp"
 
-#include <array>
 #include <cerrno>
 #include <csignal>
 #include <memory>
@@ -10,10 +9,8 @@
 #include <system_error>
 #include <thread>
 
-#include <fcntl.h>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -176,33 +173,16 @@ Outcome run(const Machine& machine, journal::Journal& journal, const std::vector
 
 void shell(const Machine& machine, journal::Journal& journal, const Observer& observer) {
   auto command = prepare(machine, journal, {}, {}, observer).command(Accelerator::emulation);
-  std::vector<char*> words;
-  words.reserve(command.size() + 1);
-  for (auto& word : command) words.push_back(word.data());
-  words.push_back(nullptr);
-  const auto cannot_be_started = [&](int error) {
-    return Error(fmt::format("{} cannot be started: {}", words[0], std::generic_category().message(error)));
-  };
-  std::array<int, 2> told{};  // gets the error if exec fails; exec closes it
-  if (pipe2(told.data(), O_CLOEXEC) != 0) throw cannot_be_started(errno);
-  const pid_t self = getpid(), pid = fork();
-  if (pid == 0) {
-    prctl(PR_SET_PDEATHSIG, SIGKILL);  // QEMU ends with this process
-    if (getppid() == self) execvp(words[0], words.data());
-    const int error = errno;
-    [[maybe_unused]] const auto written = write(told[1], &error, sizeof error);
-    _exit(127);
-  }
-  int error = pid < 0 ? errno : 0;
-  close(told[1]);
-  while (pid > 0 && read(told[0], &error, sizeof error) < 0 && errno == EINTR) continue;
-  close(told[0]);
-  if (pid < 0) throw cannot_be_started(error);
+  command.insert(command.begin(), {"setpriv", "--pdeathsig=KILL"});  // QEMU ends with this process
+  const auto qemu =
+      process::start(command, {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}, process::Group::callers);
+  if (qemu.error != 0)
+    throw Error(
+        fmt::format("QEMU cannot be started by setpriv: {}", std::generic_category().message(qemu.error)));
   int status = 0;
-  while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
-    if (observer.interrupted()) kill(pid, SIGTERM);
-  if (error != 0) throw cannot_be_started(error);
-  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) throw Error("QEMU failed");
+  while (waitpid(qemu.pid, &status, 0) < 0 && errno == EINTR)
+    if (observer.interrupted()) kill(qemu.pid, SIGTERM);
+  if (status != 0) throw Error("QEMU failed");
 }
 
 }  // namespace ontime::lab

@@ -13,7 +13,7 @@
 
 namespace ontime::process {
 
-Started start(std::vector<std::string> command, const std::array<int, 3>& streams) {
+Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group group) {
   std::vector<char*> words;
   words.reserve(command.size() + 1);
   for (auto& word : command) words.push_back(word.data());
@@ -25,7 +25,7 @@ Started start(std::vector<std::string> command, const std::array<int, 3>& stream
       posix_spawn_file_actions_adddup2(&actions, own, stream);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  if (group == Group::own) posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
   pid_t pid = -1;
   const int error = posix_spawnp(&pid, words[0], &actions, &attributes, words.data(), environ);
   posix_spawnattr_destroy(&attributes);

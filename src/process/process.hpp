@@ -15,10 +15,12 @@ struct Started {
   int error;  // an errno if it could not be started; ENOENT: no such program
 };
 
-// Starts a program, found through PATH, without a shell. It is the leader of its process group, so that a
-// terminal's Ctrl-C reaches the caller alone. `streams`: its standard input, output and error; 0, 1 and 2 are
-// the caller's own.
-Started start(std::vector<std::string> command, const std::array<int, 3>& streams);
+// With its own process group, a terminal's Ctrl-C reaches the caller alone.
+enum class Group { own, callers };
+
+// Starts a program, found through PATH, without a shell. `streams`: its standard input, output and error; 0,
+// 1 and 2 are the caller's own.
+Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group = Group::own);
 
 // Whether it has ended. Its id stays taken until wait_for().
 bool has_ended(pid_t);
