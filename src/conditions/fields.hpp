@@ -148,9 +148,8 @@ inline Codec<std::uint64_t> size(std::function<std::uint64_t(Text)> of_text = by
   return codec;
 }
 inline Codec<double> share(std::function<double(Text)> of_text = share_of) {
-  return {std::move(of_text), [](double value) { return fmt::format("{:.4g} %", value * 100); },
-          as_is<double>,      finite,
-          "PERCENT",          Field::Unit::share};
+  const auto percent = [](double value) { return fmt::format("{:.4g} %", value * 100); };
+  return {std::move(of_text), percent, as_is<double>, finite, "PERCENT", Field::Unit::share};
 }
 
 // A time that JSON gives in a unit of µs or s.
@@ -163,13 +162,13 @@ inline std::chrono::nanoseconds time_from(Json from, double unit_ns) {
 inline double in_us(std::chrono::nanoseconds time) { return static_cast<double>(time.count()) / us; }
 inline Codec<std::chrono::nanoseconds> time(double unit_ns,
                                             std::function<std::chrono::nanoseconds(Text)> of_text) {
-  return {
-      std::move(of_text),
-      [](std::chrono::nanoseconds value) { return text_of(value); },
-      [=](const std::chrono::nanoseconds& value) { return nlohmann::json(in_us(value) / (unit_ns / us)); },
-      [=](Json from) { return time_from(from, unit_ns); },
-      "TIME",
-      unit_ns == us ? Field::Unit::us : Field::Unit::s};
+  const auto to_json = [=](std::chrono::nanoseconds value) { return in_us(value) / (unit_ns / us); };
+  return {std::move(of_text),
+          text_of,
+          to_json,
+          [=](Json from) { return time_from(from, unit_ns); },
+          "TIME",
+          unit_ns == us ? Field::Unit::us : Field::Unit::s};
 }
 
 // One of these words, each of which word_of() gives for its value.
@@ -183,9 +182,7 @@ Codec<Value> words(std::initializer_list<Value> all, const char* (*word_of)(Valu
       if (word == text) return value;
     throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, fmt::join(names, ", ")));
   };
-  return {of_text, [word_of](const Value& value) { return std::string(word_of(value)); },
-          [word_of](const Value& value) { return nlohmann::json(word_of(value)); },
-          [of_text](Json from) { return of_text(from.get<std::string>()); },
+  return {of_text, word_of, word_of, [of_text](Json from) { return of_text(from.get<std::string>()); },
           fmt::format("{}", fmt::join(names, "|"))};
 }
 

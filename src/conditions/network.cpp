@@ -77,7 +77,7 @@ Codec<microseconds> delay() {
     return whole;
   };
   return {of_text,
-          [](microseconds value) { return text_of(value); },
+          text_of,
           [](microseconds value) { return json(value.count()); },
           [](Json from) { return microseconds(whole<std::int64_t>(from)); },
           "TIME",
@@ -147,7 +147,7 @@ Fields link_fields() {
   const Codec<std::int64_t> launch_ns{
       [=](Text text) { return launch.of_text(text).count(); },
       [](std::int64_t ns) { return text_of(nanoseconds(ns)); },
-      [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
+      [=](std::int64_t ns) { return ns > 0 ? launch.to_json(nanoseconds(ns)) : json(); },
       [=](Json from) { return launch.of_json(from).count(); },
       "TIME",
       Field::Unit::us};

@@ -12,7 +12,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto scenario = ontime::scenario::parse_scenario("scenario", text, {});
     if (scenario.size() == 0 || scenario.runs.empty()) std::abort();
     for (const auto number : {std::size_t{0}, scenario.size() - 1})
-      ontime::conditions::asked(scenario.at(number), scenario.hosts).dump();  // what is read can be recorded
+      for (const auto& run : ontime::scenario::together(scenario.at(number), scenario.hosts))
+        ontime::conditions::asked(run, scenario.hosts).dump();  // what is read can be recorded
   } catch (const ontime::scenario::Error&) {
   }
   return 0;
