@@ -47,6 +47,11 @@ std::string in_words(const Summary& run) {
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
 }
 
+// Gates are judged when the run is measured.
+bool has_note(const Summary& run, const char* kind) {
+  return std::ranges::find(run.notes, kind, &record::Note::kind) != run.notes.end();
+}
+
 std::uint64_t sent_of(const Summary& run) {
   return statistics::unrecorded(run.run) == 0 ? run.sent : run.run.outcome.counters.sent;
 }
@@ -86,6 +91,8 @@ Row row_of(const Group& runs, const std::string& name) {
   for (const auto* run : runs) {
     row.runs.push_back(run->run.number);
     row.state = std::max(row.state, state_of(*run));
+    row.missed_requirement = row.missed_requirement || has_note(*run, gate::missed_note);
+    row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
     if (run->imported) continue;
     row.cycles += sent_of(*run) + run->skipped_cycles;
     row.missed += missed_of(*run);
@@ -248,9 +255,16 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->conditions.stress == contrast->conditions.stress;
   const bool same_tuned = worst->conditions.tuned == contrast->conditions.tuned;
-  const auto other = same_stress  ? tuned_words(contrast->conditions.tuned)
-                     : same_tuned ? stress_words(contrast->conditions.stress)
-                                  : all_words(contrast->conditions);
+  auto compared = contrast->conditions;
+  // Without what the worst has: load, or only link faults.
+  const auto lacking = [&] {
+    return "without " + split(worst->conditions.stress, ',').front() +
+           (same_tuned || compared.tuned.empty() ? "" : " " + tuned_words(compared.tuned));
+  };
+  const auto other = same_stress               ? tuned_words(compared.tuned)
+                     : compared.stress.empty() ? lacking()
+                     : same_tuned              ? stress_words(compared.stress)
+                                               : all_words(compared);
   auto first = same_stress && worst->conditions.stress.empty() ? tuned_words(worst->conditions.tuned)
                                                                : all_words(worst->conditions);
   first.front() = static_cast<char>(std::toupper(first.front()));
@@ -258,13 +272,12 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
                      contrast->range());
 }
 
-// By the notes that were taken when the runs were measured.
 std::string missed_requirements(const std::vector<Entry>& entries) {
   std::size_t runs = 0, missed = 0;
   for (const auto& entry : entries)
     for (const auto* run : entry.runs) {
       ++runs;
-      missed += std::ranges::count(run->notes, gate::missed_note, &record::Note::kind) > 0 ? 1 : 0;
+      missed += has_note(*run, gate::missed_note) ? 1 : 0;
     }
   if (missed == 0) return "";
   return runs == 1 ? " A requirement was missed."
@@ -288,17 +301,33 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   }
   const auto remarks = shared_remarks(runs);
   std::vector<std::string> cautions;
-  const auto add = [&](Remark::Weight weight, bool of_requirement = false) {
+  const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
+    std::ranges::sort(places);
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    cautions.push_back(places.size() == names.size() ? text : name_of_some(names, places) + ": " + text);
+  };
+  using enum Remark::Requirement;
+  const auto add = [&](Remark::Weight weight, Remark::Requirement requirement = none) {
     for (const auto& remark : remarks) {
-      if (remark.weight != weight || remark.is_of_requirement != of_requirement) continue;
+      if (remark.weight != weight || remark.requirement != requirement) continue;
       std::vector<std::size_t> places;
-      for (const auto run : remark.runs)
-        if (places.empty() || places.back() != row_of_run[run]) places.push_back(row_of_run[run]);
-      const bool all = places.size() == names.size();
-      cautions.push_back(all ? remark.text : name_of_some(names, places) + ": " + remark.text);
+      for (const auto run : remark.runs) places.push_back(row_of_run[run]);
+      about(places, remark.text);
     }
   };
-  add(Remark::Weight::caution, true);  // the exit code tells of these
+  add(Remark::Weight::caution, missed);  // the exit code tells of these
+  std::vector<std::size_t> places_of_open;
+  std::vector<std::string> texts_of_open;  // in one caution: they say the same of several runs
+  for (const auto& remark : remarks)
+    if (remark.requirement == open) {
+      texts_of_open.push_back(remark.text);
+      for (const auto run : remark.runs) places_of_open.push_back(row_of_run[run]);
+    }
+  if (!texts_of_open.empty())
+    about(places_of_open, texts_of_open.size() == 1
+                              ? texts_of_open.front()
+                              : fmt::format("{} requirements are open; the first: {}", texts_of_open.size(),
+                                            texts_of_open.front()));
   add(Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;

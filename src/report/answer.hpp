@@ -31,6 +31,7 @@ struct Answer {
     std::string id, conditions, name;  // "Test1.B", "load, RT", "cyclonedds 32 KiB"
     std::vector<std::int64_t> runs;    // their numbers in the file
     State state = State::ok;
+    bool missed_requirement = false, open_requirement = false;  // of a repetition
     std::uint64_t cycles = 0, missed = 0;  // all; those without an answer in time
     // The longest that a cycle waited for its answer. `is_open`: no answer ended it.
     std::optional<double> worst_wait_ns;

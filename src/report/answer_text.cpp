@@ -45,6 +45,13 @@ std::string wait_of(const Row& row) {
   return row.worst_wait_ns ? (row.is_open ? "≥ " : "") + milliseconds(*row.worst_wait_ns) : nothing;
 }
 
+// A missed requirement says more than a late message, which may be within its limit.
+const char* word_of(const Row& row) {
+  if (row.state != State::ok && row.state != State::late) return report::word_of(row.state);
+  if (row.missed_requirement) return "FAIL";
+  return row.open_requirement && row.state == State::ok ? "open" : report::word_of(row.state);
+}
+
 // The places of so many rows that are worst, in the order of the rows.
 std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most) {
   std::vector<std::size_t> places(rows.size());
@@ -52,7 +59,8 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
     const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-    return std::tuple(row.state, static_cast<double>(row.missed) / cycles, row.worst_wait_ns.value_or(0));
+    return std::tuple(row.state, row.missed_requirement, row.open_requirement,
+                      static_cast<double>(row.missed) / cycles, row.worst_wait_ns.value_or(0));
   };
   std::ranges::stable_sort(places, std::greater(), badness);
   if (places.size() > most) places.resize(most);
@@ -73,25 +81,36 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
                           {"p99", right, false, 4},
                           {"max", right, false, 2},
                           {"", left}}};
-  const auto id_of_row = [](const Row& row) {
-    return row.conditions.empty() ? row.id : row.id + " " + row.conditions;
-  };
-  const auto id_width = width / 4;
-  std::size_t widest_id = 0;
-  for (const auto place : places)
-    widest_id = std::max(widest_id, std::min(id_width, width_of(id_of_row(rows[place]))));
-  const auto name_width =
-      width * 2 / 5 + 2 - widest_id;  // what ids leave: names tell runs apart at their end
   std::string before;
   for (const auto place : places) {
     const auto& row = rows[place];
-    auto id = id_of_row(row);
+    auto id = row.conditions.empty() ? row.id : row.id + " " + row.conditions;
     const bool same = id == before;
     before = id;
-    table.rows.push_back({same ? "" : shortened(id, id_width), shortened(row.name, name_width),
-                          missed_of(row, !same_cycles), wait_of(row), cell_of(row.p50, false),
-                          cell_of(row.p99, true), row.max_ns ? milliseconds(*row.max_ns) : nothing,
-                          word_of(row.state)});
+    table.rows.push_back({same ? "" : id, row.name, missed_of(row, !same_cycles), wait_of(row),
+                          cell_of(row.p50, false), cell_of(row.p99, true),
+                          row.max_ns ? milliseconds(*row.max_ns) : nothing, word_of(row)});
+  }
+  // Ids and names share what the numbers leave; they get at least so much that a narrow terminal loses
+  // columns first.
+  constexpr std::size_t gap = 2, id = 0, name = 1;
+  const auto width_of_column = [&](std::size_t column) {
+    std::size_t widest = 0;
+    for (const auto& line : split(table.columns[column].name, '\n'))
+      widest = std::max(widest, width_of(line));
+    for (const auto& row : table.rows) widest = std::max(widest, width_of(row[column]));
+    return widest;
+  };
+  std::size_t numbers = gap;
+  for (std::size_t i = name + 1; i < table.columns.size(); ++i) numbers += gap + width_of_column(i);
+  const auto left_by = [&](std::size_t taken) {
+    return width > numbers + taken ? width - numbers - taken : 0;
+  };
+  const auto id_width = std::min(width_of_column(id), std::max(width / 4, left_by(width_of_column(name))));
+  const auto name_width = std::max(width * 2 / 5 + gap - std::min(id_width, width / 4), left_by(id_width));
+  for (auto& row : table.rows) {
+    row[id] = shortened(row[id], id_width);
+    row[name] = shortened(row[name], name_width);
   }
   return table;
 }
@@ -169,7 +188,10 @@ ordered_json json_of(const Answer& answer) {
                     {"conditions", row.conditions},
                     {"name", row.name},
                     {"runs", row.runs},
-                    {"state", word_of(row.state)},
+                    {"state", report::word_of(row.state)},
+                    {"requirement", row.missed_requirement ? ordered_json("FAIL")
+                                    : row.open_requirement ? ordered_json("open")
+                                                           : ordered_json()},
                     {"cycles", row.cycles},
                     {"not_in_time", row.missed},
                     {"worst_wait_ms", ms(row.worst_wait_ns)},

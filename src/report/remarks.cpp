@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 
 #include <fmt/format.h>
 
@@ -31,6 +32,7 @@ std::string simulated(const Outcome& outcome) {
 }
 
 using Weight = Remark::Weight;
+using Requirement = Remark::Requirement;
 
 std::string percent_text(double share) { return percent(share) + " %"; }
 std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
@@ -163,13 +165,15 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
-  const auto is_of_requirement = [](const auto* note) {
-    return note->kind == gate::missed_note || note->kind == gate::open_note;
+  const auto requirement_of = [](const auto* note) {
+    return note->kind == gate::missed_note ? Requirement::missed
+           : note->kind == gate::open_note ? Requirement::open
+                                           : Requirement::none;
   };
-  std::stable_partition(notes.begin(), notes.end(), is_of_requirement);
+  std::ranges::stable_sort(notes, std::greater(), requirement_of);
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
-    remarks.back().is_of_requirement = is_of_requirement(notes[i]);
+    remarks.back().requirement = requirement_of(notes[i]);
   }
   if (notes.size() > most_notes)
     remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
@@ -320,7 +324,7 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
       const auto low = remark.shown(*remark.amount), high = remark.shown(most);
       text = replace_all(text, "{}", low == high ? low : fmt::format("{} to {}", low, high));
     }
-    shared.push_back({remark.weight, std::move(text), std::move(of), remark.is_of_requirement});
+    shared.push_back({remark.weight, std::move(text), std::move(of), remark.requirement});
   }
   return shared;
 }

@@ -57,7 +57,8 @@ struct Remark {
   std::string text;                                           // "{}" stands for `amount`
   std::optional<double> amount = {};
   std::string (*shown)(double) = nullptr;
-  bool is_of_requirement = false;  // about a gate that the run missed, or that could not be judged
+  // About a gate that the run missed, or that could not be judged.
+  enum class Requirement { none, open, missed } requirement = Requirement::none;
 };
 std::vector<Remark> remarks_of(const statistics::Summary&);
 std::string remarks(const statistics::Summary&);  // in one text; empty without remarks
@@ -75,7 +76,7 @@ struct SharedRemark {
   Remark::Weight weight;
   std::string text;
   std::vector<std::size_t> runs;
-  bool is_of_requirement;
+  Remark::Requirement requirement;
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
