@@ -63,12 +63,15 @@ std::optional<Question> question_of(const Gate& gate, const Summary& run) {
   return Question{probability_beyond(gate, run), metric.share_above()};
 }
 
-// The run is too short to prove that it meets the limit. Without events there is no sign of bursts: then only
-// the number of messages decides, so that chance does not.
-bool is_too_short(const Question& question) {
+// A run may be too short to prove that it meets the limit. Without events there is no sign of bursts: then
+// only the number of messages decides, so that chance does not. Why the run is too short for that; empty: it
+// is not.
+std::string too_short_words(const Question& question) {
   const auto& of = question.of.at_most;
-  return static_cast<double>(of.messages) <
-         statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
+  const double needed = statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
+  if (static_cast<double>(of.messages) >= needed) return "";
+  return fmt::format("{} messages are too few, it takes {:.0f}: measure longer", of.messages,
+                     std::ceil(needed));
 }
 
 // All were slower than the limit: however they depend on one another, the run did not keep to it.
@@ -333,8 +336,10 @@ Judgement judge(const Gate& gate, const Summary& run) {
     answer = answer_by_share(*question, found->value > gate.limit);
     says += "; " + slower_words(question->of);
   }
-  if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))
-    return open(says + ": " + why_open(*found, run));
+  if (answer == Answer::cannot_tell) {
+    const auto why = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found, run);
+    if (!why.empty()) return open(says + ": " + why);
+  }
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
   if (const auto shift = statistics::shift_text(run); !judged.is_sure && !shift.empty())
     judged.says += "; " + shift;

@@ -75,8 +75,8 @@ constexpr double fewest_to_tell_memory =
     50;                               // of fewer slower messages that of the percentile before counts too
 constexpr double most_memory = 1.65;  // one run in twenty without any memory has more
 
-constexpr const char* drifts = "the level drifts; measure longer";
-constexpr const char* few_effective = "effective sample size below 30; measure longer";
+constexpr const char* drifts = "the level drifts";
+constexpr const char* few_effective = "effective sample size below 30";
 constexpr const char* few_beyond = "fewer than 30 slower messages";
 constexpr const char* few_bursts = "slower messages come in few bursts";
 
