@@ -272,8 +272,7 @@ TEST(Compare, MaximaOfUnequalNumbersOfMessagesAreShownButNotCompared) {
   EXPECT_THAT(render_answer(compare(a, b), {}, Format::table, "", 80), Not(HasSubstr("†")));
   b[0].round_trip.count *= 3;
   EXPECT_THAT(row(), ::testing::ElementsAre("max", "2000", "9000", "-", "-", "not", "compared"));
-  EXPECT_THAT(render(compare(a, b), {}, Format::table),
-              HasSubstr("A: 2,000 answers, B: 6,000"));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("A: 2,000 answers, B: 6,000"));
   EXPECT_TRUE(max().at("ratio").is_null());
   EXPECT_TRUE(max().at("difference").is_null());
   EXPECT_EQ(max().at("to"), 9000);

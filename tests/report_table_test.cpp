@@ -292,5 +292,10 @@ TEST(TableFormat, ShowsTheThreeParts) {
   EXPECT_THAT(render({without}, Format::table), HasSubstr("udp: the clocks disagree"));
 }
 
+TEST(Wrapped, NumberAndUnitStayTogether) {
+  EXPECT_EQ(table::wrapped("a run of 2 s, no load", 10), "a run of\n  2 s, no\n  load\n");
+  EXPECT_EQ(table::wrapped("98 % to 99 % late", 11), "98 % to\n  99 % late\n");
+}
+
 }  // namespace
 }  // namespace ontime::report

@@ -7,12 +7,12 @@
 #include <fmt/format.h>
 
 #include "plot/figures.hpp"
+#include "report/answer.hpp"
 
 namespace ontime::plot {
 namespace {
 
 using statistics::Figure;
-using statistics::Summary;
 
 struct Drawn {
   Figure figure;
@@ -29,37 +29,21 @@ constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#
 struct Bar {
   double from_ms, to_ms;
 };
-std::optional<Bar> bar_of(const std::vector<double>& values_ms, const Summary& last, const Drawn& metric,
-                          const Range& range) {
-  if (values_ms.size() > 1) {
-    const auto [low, high] = std::ranges::minmax(values_ms);
-    return Bar{low, high};
-  }
-  if (!metric.has_interval()) return {};
-  const auto& sure = last.round_trip_certainty[metric.figure].sure;
-  if (!sure.low) return {};
-  return Bar{range.at(*sure.low), sure.high ? range.at(*sure.high) : range.greatest_ms};
-}
-
 struct Found {
   double median_ms;
   std::optional<Bar> bar;
 };
-// Of all repetitions, or of none, as in the tables: those with too few answers for a percentile are the
-// worst.
 std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Range& range) {
-  std::vector<double> values_ms;
-  const Summary* last = nullptr;
-  const auto fewest = std::max<std::uint64_t>(statistics::metric_of(metric.figure).one_in, 1);
-  for (const auto* run : runs)
-    if (run->round_trip.count >= fewest) {
-      values_ms.push_back(range.at(run->round_trip[metric.figure]));
-      last = run;
-    } else if (statistics::is_complete(run->run)) {
-      return {};
-    }
-  if (values_ms.empty()) return {};
-  return Found{statistics::estimate(values_ms)->median, bar_of(values_ms, *last, metric, range)};
+  const auto spread = report::spread_of(runs, metric.figure);
+  if (!spread) return {};
+  Found found{range.at(spread->median_ns), {}};
+  if (runs.size() > 1) {
+    found.bar = {range.at(spread->low_ns), range.at(spread->high_ns)};
+  } else if (metric.has_interval()) {
+    const auto& [low, high] = runs.front()->round_trip_certainty[metric.figure].sure;
+    if (low) found.bar = {range.at(*low), high ? range.at(*high) : range.greatest_ms};
+  }
+  return found;
 }
 
 std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {

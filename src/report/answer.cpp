@@ -63,25 +63,6 @@ std::uint64_t missed_of(const Summary& run) {
   return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
-// Of all repetitions, or of none: those with too few answers for a percentile are the worst ones, which
-// skipped or lost most. One that was cut off or failed may have too few for another reason.
-std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
-  const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
-  std::vector<double> values;
-  bool is_least = false;
-  for (const auto* run : runs) {
-    const auto& of = run->imported ? run->wake_up : run->round_trip;
-    if (of.count >= one_in)
-      values.push_back(static_cast<double>(of[figure]));
-    else if (statistics::is_complete(run->run))
-      return std::nullopt;
-    is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
-  }
-  if (values.empty()) return std::nullopt;
-  const auto [low, high] = std::ranges::minmax_element(values);
-  return Answer::Spread{*low, statistics::estimate(values)->median, *high, is_least};
-}
-
 Row row_of(const Group& runs, const std::string& name) {
   const auto& first = *runs.front();
   Row row;
@@ -125,10 +106,7 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     Group group;
     std::ranges::copy_if(all, std::back_inserter(group),
                          [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
-    const auto labels = labels_without_repetition(group);
-    std::vector<std::pair<std::string, Group>> alike;
-    for (std::size_t i = 0; i < group.size(); ++i) entry_of(alike, labels[i]).push_back(group[i]);
-    for (const auto& [label, runs] : alike) entries.push_back({runs, row_of(runs, label)});
+    for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;
 }
@@ -418,6 +396,23 @@ State state_of(const Summary& run) {
   }
   // `ontime listen` requests nothing: its late and lost messages count even where samples are missing.
   return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
+}
+
+std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
+  const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
+  std::vector<double> values;
+  bool is_least = false;
+  for (const auto* run : runs) {
+    const auto& of = run->imported ? run->wake_up : run->round_trip;
+    if (of.count >= one_in)
+      values.push_back(static_cast<double>(of[figure]));
+    else if (statistics::is_complete(run->run))
+      return std::nullopt;
+    is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
+  }
+  if (values.empty()) return std::nullopt;
+  const auto [low, high] = std::ranges::minmax_element(values);
+  return Answer::Spread{*low, statistics::estimate(values)->median, *high, is_least};
 }
 
 Answer answer_of(const Summaries& summaries, const Origin& origin) {

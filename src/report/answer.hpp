@@ -58,6 +58,10 @@ std::string text_of(const Answer&, std::size_t width);
 std::string steps_text(const std::vector<Answer::Step>&, std::size_t width);
 nlohmann::ordered_json json_of(const Answer&);  // docs/reference/json.md
 Answer::State state_of(const statistics::Summary&);
+// Of a percentile, or the maximum. Of all repetitions, or of none: those with too few answers for a
+// percentile are the worst ones, which skipped or lost most. One that was cut off or failed may have too few
+// for another reason.
+std::optional<Answer::Spread> spread_of(const std::vector<const statistics::Summary*>&, statistics::Figure);
 const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
 
 // For answer_of(): the commands that follow. `any` is a run; `late`, `from` and `to` are one, or nothing.

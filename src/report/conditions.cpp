@@ -410,6 +410,13 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
   return labels;
 }
 
+std::vector<std::pair<std::string, Group>> alike(const Group& group) {
+  const auto labels = labels_without_repetition(group);
+  std::vector<std::pair<std::string, Group>> all;
+  for (std::size_t i = 0; i < group.size(); ++i) entry_of(all, labels[i]).push_back(group[i]);
+  return all;
+}
+
 std::vector<std::string> labels_of(const Group& group) {
   auto labels = labels_without_repetition(group);
   if (std::ranges::none_of(group, [](const auto* summary) { return summary->run.asked.repetition > 1; }))

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "report/groups.hpp"
@@ -17,6 +18,8 @@ std::vector<std::string> labels_of(const Group&);
 // Repetitions of a run have the same label, and only they.
 std::vector<std::string> labels_without_repetition(const Group&);
 // Equal labels get the number of their run.
+// Repetitions together, by their label, in the order in which their first one ran.
+std::vector<std::pair<std::string, Group>> alike(const Group&);
 void tell_apart(std::vector<std::string>& labels, const Group&);
 std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 

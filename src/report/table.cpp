@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "report/answer.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -65,14 +66,6 @@ std::vector<Column> columns(const Group& group, bool by_response) {
   return columns;
 }
 
-// Repetitions together, by their label, in the order in which their first one ran.
-std::vector<std::pair<std::string, Group>> alike(const Group& group) {
-  const auto labels = labels_without_repetition(group);
-  std::vector<std::pair<std::string, Group>> all;
-  for (std::size_t i = 0; i < group.size(); ++i) entry_of(all, labels[i]).push_back(group[i]);
-  return all;
-}
-
 // For each group of alike runs with known legs, a line with the medians of its legs.
 std::vector<std::string> parts_of(const Group& group) {
   std::vector<std::string> lines;
@@ -111,29 +104,24 @@ Table spread_table(const Group& group, const Summaries& summaries) {
       return run->sent > 0 && !gate::is_superseded(*run, summaries);
     });
     if (runs.size() < 2) continue;
-    const auto spread = [&](auto value, std::string (*form)(double)) {
-      std::vector<double> values;
-      for (const auto* run : runs) values.push_back(value(*run));
-      const auto [low, high] = std::ranges::minmax_element(values);
-      return fmt::format("{} [{}, {}]", form(statistics::estimate(values)->median), form(*low), form(*high));
+    const auto text = [](double median, double low, double high, std::string (*form)(double)) {
+      return fmt::format("{} [{}, {}]", form(median), form(low), form(high));
     };
     const auto time = [&](Figure figure) {
-      const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
-      const bool known =
-          std::ranges::all_of(runs, [&](const auto* run) { return run->round_trip.count >= one_in; });
-      return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip[figure]); },
-                            microseconds)
-                   : nothing;
+      const auto of = spread_of(runs, figure);
+      return of ? text(of->median_ns, of->low_ns, of->high_ns, microseconds) : nothing;
     };
-    const auto missed = [](const Summary& run) {
-      return static_cast<double>(run.late + run.lost) / static_cast<double>(run.sent);
-    };
+    std::vector<double> missed;
+    for (const auto* run : runs)
+      missed.push_back(static_cast<double>(run->late + run->lost) / static_cast<double>(run->sent));
+    const auto [fewest, most] = std::ranges::minmax(missed);
     const bool knows_misses = std::ranges::all_of(runs, [](const auto* run) {
       return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
     });
-    table.rows.push_back({label, fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
-                          time(Figure::p99_9), time(Figure::max),
-                          knows_misses ? spread(missed, percent) : nothing});
+    table.rows.push_back(
+        {label, fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99), time(Figure::p99_9),
+         time(Figure::max),
+         knows_misses ? text(statistics::estimate(missed)->median, fewest, most, percent) : nothing});
   }
   if (!table.rows.empty()) table.conditions = "Median of the runs [lowest, highest].";
   return table;
