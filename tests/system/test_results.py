@@ -251,7 +251,7 @@ class Results(unittest.TestCase):
     def test_what_a_transport_declares_on_its_machine_is_respected(self):
         folder = next(pathlib.Path(ONTIME).resolve().parent.parent.rglob("ontime_transport_modest.so")).parent
         path = self.folder / "foreign.yaml"
-        host = f"{{host-prefix: [env, 'ONTIME_TRANSPORT_PATH={folder}'], address: 127.0.0.1}}"
+        host = f"{{host-prefix: [env, 'ONTIME_TRANSPORT_PATH={folder}'], address: 127.0.0.1, interface: lo}}"
         path.write_text(f"hosts: {{controller: {host}, component: {host}}}\n"
                         "runs: [{id: a, transport: modest, payload: 16 B, duration: 100 ms, link: {message-priority: 6}}]\n")
         self.assertIn("modest bypasses the packet filter", self.ontime("run", path, code=2).stderr)
