@@ -117,16 +117,16 @@ json outcome_of(json controller, json component) {
 
 TEST(BackgroundAccount, LostIsSentLessReceived) {
   const auto both = achieved({}, outcome_of(end_of(100, 48), end_of(50, 98)));
-  EXPECT_EQ(both.at("to_component").at("lost"), 2);
-  EXPECT_EQ(both.at("to_controller").at("lost"), 2);
-  EXPECT_FALSE(both.at("to_component").at("short"));
+  EXPECT_EQ(both.at("to_component").lost, 2u);
+  EXPECT_EQ(both.at("to_controller").lost, 2u);
+  EXPECT_FALSE(both.at("to_component").is_short);
   EXPECT_TRUE(shortfalls_of_background(both).empty());
   const auto there = achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 100)));
   EXPECT_FALSE(there.contains("to_controller"));
 }
 
 // To the component alone.
-json there(const json& sender, const json& receiver) {
+record::BackgroundSeen there(const json& sender, const json& receiver) {
   return achieved({.back = false}, outcome_of(sender, receiver)).at("to_component");
 }
 std::vector<std::string> told(const json& sender, const json& receiver) {
@@ -134,35 +134,35 @@ std::vector<std::string> told(const json& sender, const json& receiver) {
 }
 
 TEST(BackgroundAccount, SkippedCyclesAboveFivePercentAreAShortfall) {
-  EXPECT_TRUE(there(end_of(94, 0, 6), end_of(0, 94)).at("short"));
+  EXPECT_TRUE(there(end_of(94, 0, 6), end_of(0, 94)).is_short);
   EXPECT_THAT(told(end_of(94, 0, 6), end_of(0, 94)),
               ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 not sent"),
                                 Not(HasSubstr("lost")))));
-  EXPECT_FALSE(there(end_of(95, 0, 5), end_of(0, 95)).at("short"));
+  EXPECT_FALSE(there(end_of(95, 0, 5), end_of(0, 95)).is_short);
 }
 
 TEST(BackgroundAccount, LossAboveFivePercentIsAShortfall) {
-  EXPECT_TRUE(there(end_of(100, 0), end_of(0, 94)).at("short"));
+  EXPECT_TRUE(there(end_of(100, 0), end_of(0, 94)).is_short);
   EXPECT_THAT(told(end_of(100, 0), end_of(0, 94)),
               ElementsAre(AllOf(HasSubstr("94 of 100"), HasSubstr("component"), HasSubstr("6 lost"),
                                 Not(HasSubstr("not sent")))));
-  EXPECT_FALSE(there(end_of(100, 0), end_of(0, 95)).at("short"));
-  EXPECT_TRUE(there(end_of(97, 0, 3), end_of(0, 94)).at("short")) << "some of both";
+  EXPECT_FALSE(there(end_of(100, 0), end_of(0, 95)).is_short);
+  EXPECT_TRUE(there(end_of(97, 0, 3), end_of(0, 94)).is_short) << "some of both";
 }
 
 TEST(BackgroundAccount, OverrunsAboveFivePercentAreAShortfall) {
-  EXPECT_TRUE(there(end_of(60, 0), end_of(0, 60, 0, 4)).at("short")) << "more than 5 % of 60";
+  EXPECT_TRUE(there(end_of(60, 0), end_of(0, 60, 0, 4)).is_short) << "more than 5 % of 60";
   EXPECT_THAT(told(end_of(60, 0), end_of(0, 60, 0, 4)),
               ElementsAre(AllOf(HasSubstr("60 of 60"), HasSubstr("4 with a callback"))));
-  EXPECT_FALSE(there(end_of(60, 0), end_of(0, 60, 0, 3)).at("short"));
+  EXPECT_FALSE(there(end_of(60, 0), end_of(0, 60, 0, 3)).is_short);
 }
 
 TEST(BackgroundAccount, SenderThatNeverRanIsAShortfall) {
   const roundtrip::BackgroundOptions asked{
       .topics = 1, .period = std::chrono::milliseconds(10), .back = false};
   const auto none = outcome_of(end_of(0, 0), end_of(0, 0));
-  EXPECT_TRUE(achieved(asked, none, std::chrono::seconds(1)).at("to_component").at("short"));
-  EXPECT_FALSE(achieved(asked, none).at("to_component").at("short")) << "the run was stopped";
+  EXPECT_TRUE(achieved(asked, none, std::chrono::seconds(1)).at("to_component").is_short);
+  EXPECT_FALSE(achieved(asked, none).at("to_component").is_short) << "the run was stopped";
 }
 
 TEST(BackgroundAccount, IncompletePeriodRequestsNoMessage) {
@@ -170,8 +170,7 @@ TEST(BackgroundAccount, IncompletePeriodRequestsNoMessage) {
     return achieved({.topics = 1, .period = period, .back = false},
                     outcome_of(end_of(sent, 0), end_of(0, sent)), duration)
         .at("to_component")
-        .at("short")
-        .template get<bool>();
+        .is_short;
   };
   EXPECT_FALSE(is_short(1s, 2400ms, 2));
   EXPECT_TRUE(is_short(1s, 2400ms, 1));

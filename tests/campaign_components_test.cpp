@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "campaign_scenario.hpp"
+#include "record/record.hpp"
 
 namespace ontime::campaign {
 namespace {

@@ -24,7 +24,7 @@ TEST_F(IsolationKeys, AreReadAndRecorded) {
   EXPECT_TRUE(asked(scenario.runs[0], scenario.hosts).at("isolation").is_null());
   EXPECT_EQ(scenario.runs[1].isolation.cpus, "1-2");
   const auto& all = scenario.runs[2].isolation;
-  EXPECT_EQ(all, (isolation::Wish{"2", true, 1.5, 10}));
+  EXPECT_EQ(all, (Isolation{"2", true, 1.5, 10}));
   EXPECT_EQ(asked(scenario.runs[2], scenario.hosts).at("isolation").at("load_quota"), 1.5);
 }
 

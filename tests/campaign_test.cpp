@@ -31,18 +31,16 @@ std::vector<std::string> words(const Scenario& scenario) {
 }
 
 TEST(Pollers, UnthrottledPollersOnEveryCpuAreRefused) {
-  const json machine{{"cpu_count", 2}};
-  EXPECT_THAT(why_refused(machine, false, {{}, {}}),
-              AllOf(HasSubstr("2 real-time threads"), HasSubstr("2 CPUs")));
-  EXPECT_THAT(why_refused(machine, false, {{0}, {1}}), HasSubstr("realtime.receive.cpus"));
-  EXPECT_THAT(why_refused(machine, false, {{0}, {}}), HasSubstr("kernel.rt-throttling: on"));
-  EXPECT_THAT(why_refused({{"cpu_count", 1}}, false, {{}}), HasSubstr("on 1 CPUs"));
-  EXPECT_EQ(why_refused(machine, true, {{}, {}}), "");
-  EXPECT_EQ(why_refused(machine, false, {{}}), "");
-  EXPECT_EQ(why_refused(machine, false, {{0, 1}}), "") << "one thread takes one CPU at a time";
-  EXPECT_NE(why_refused(machine, false, {{0, 1}, {0, 1}}), "");
-  EXPECT_EQ(why_refused(machine, false, {{1}, {1}}), "") << "both on one CPU leave the other free";
-  EXPECT_EQ(why_refused(json::object(), false, {{}, {}}), "") << "it does not say how many CPUs it has";
+  EXPECT_THAT(why_refused(2, false, {{}, {}}), AllOf(HasSubstr("2 real-time threads"), HasSubstr("2 CPUs")));
+  EXPECT_THAT(why_refused(2, false, {{0}, {1}}), HasSubstr("realtime.receive.cpus"));
+  EXPECT_THAT(why_refused(2, false, {{0}, {}}), HasSubstr("kernel.rt-throttling: on"));
+  EXPECT_THAT(why_refused(1, false, {{}}), HasSubstr("on 1 CPUs"));
+  EXPECT_EQ(why_refused(2, true, {{}, {}}), "");
+  EXPECT_EQ(why_refused(2, false, {{}}), "");
+  EXPECT_EQ(why_refused(2, false, {{0, 1}}), "") << "one thread takes one CPU at a time";
+  EXPECT_NE(why_refused(2, false, {{0, 1}, {0, 1}}), "");
+  EXPECT_EQ(why_refused(2, false, {{1}, {1}}), "") << "both on one CPU leave the other free";
+  EXPECT_EQ(why_refused({}, false, {{}, {}}), "") << "it does not say how many CPUs it has";
 }
 
 TEST_F(ScenarioFile, DefaultsHoldWhereARunSaysNothing) {

@@ -253,7 +253,7 @@ TEST(Judge, ARunWithoutItsRequestedConditionsIsOpen) {
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   auto tuned = run(measured(1, 0.5, 1.5));
   auto& set = tuned.run.outcome.hosts["controller"].kernel;
-  set = {{"irq-threads", "irq/1", "fifo 90", "fifo 90"}};
+  set = {{"irq-threads", "irq/1", "fifo 50", "fifo 90", "fifo 90"}};
   EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::held);
   for (const auto& now : {json("other"), json()}) {
     set[0].now = now;
@@ -279,7 +279,7 @@ TEST(Judge, DeniedSettingsAndSmallerLoadAreOpen) {
   auto small = run(measured(1, 0.5, 1.5));
   small.run.outcome.counters.sent = 1000;
   auto& load = small.run.outcome.hosts["component"].load;
-  load = {1 << 30, 1'000'000};
+  load = {{}, {}, 1 << 30, 1'000'000};
   EXPECT_THAT(judged("p99 > 2 ms", small).says, HasSubstr("hdd load on the component"));
   EXPECT_TRUE(ends_search(small.run.asked, small.run.outcome))
       << "a step that was never there was not passed";

@@ -80,6 +80,48 @@ TEST(Outcome, ErrorThatIsNoTextIsAnError) {
   EXPECT_FALSE(Outcome(json{{"error", nullptr}}).error);
 }
 
+TEST(Outcome, MembersAreWrittenByTheSameNames) {
+  Outcome one;
+  one.has_counters = true;
+  one.counters.late = 3;
+  auto& host = one.hosts["component"];
+  host.machine = read<Machine>({{"boot_id", "b"}, {"cpu_model", "m"}});
+  host.threads.emplace_back().tid = 7;
+  host.link.interface = "eth1";
+  host.link.etf = {5, 0};
+  host.load.emplace().hdd_bytes = 4096;
+  one.traffic["to_component"].asked_bit_s = 80'000'000;
+  const auto written = to_json(one);
+  EXPECT_EQ(written.at("late"), 3);
+  EXPECT_EQ(written.at("/hosts/component/machine/cpu_model"_json_pointer), "m") << "as it was reported";
+  EXPECT_EQ(written.at("/hosts/component/link/etf/launched_frames"_json_pointer), 5);
+  EXPECT_TRUE(written.at("/traffic/to_component/asked_bit_s"_json_pointer).is_number_integer());
+  const Outcome again(written);
+  EXPECT_FALSE(again.misfit);
+  EXPECT_EQ(to_json(again), written);
+  const auto& same = again.hosts.at("component");
+  EXPECT_EQ(same.threads.at(0).tid, 7);
+  EXPECT_EQ(same.load->hdd_bytes, 4096u);
+  EXPECT_FALSE(same.link.faults);
+}
+
+TEST(Outcome, UnknownMembersAreNullOrNotWritten) {
+  EXPECT_EQ(to_json(Outcome()), json({{"interrupted", false}})) << "nothing was counted";
+  Host unknown;
+  const auto host = to_json(unknown);
+  for (const auto* null : {"link", "neighbours", "load_running", "ssh_link", "answered"})
+    EXPECT_TRUE(host.at(null).is_null()) << null;
+  for (const auto* missing : {"kernel", "isolation", "load", "started_again"})
+    EXPECT_FALSE(host.contains(missing)) << missing;
+  EXPECT_TRUE(host.at("threads").is_array());
+  unknown.load.emplace();
+  EXPECT_EQ(to_json(unknown).at("load"), json::object()) << "noted, of workers without a size";
+  Traced traced;
+  EXPECT_EQ(to_json(traced), json({{"missing", json::array()}}));
+  traced.error = "no tracefs";
+  EXPECT_EQ(to_json(traced), json({{"error", "no tracefs"}}));
+}
+
 TEST(Asked, TimesThatAreNotStatedAreZero) {
   const Asked asked(json{{"id", "a"}, {"period_us", 1000}, {"deadline_us", "soon"}});
   EXPECT_EQ(asked.id, "a");

@@ -72,15 +72,15 @@ TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
   auto came = outcome();
   came["traffic"] = {
       {"to_component",
-       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 79.96e6}, {"short", false}}},
+       {{"asked_bit_s", 80'000'000}, {"sent_bit_s", 80e6}, {"received_bit_s", 79.96e6}, {"short", false}}},
       {"to_controller",
-       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 80e6}, {"short", false}}}};
+       {{"asked_bit_s", 80'000'000}, {"sent_bit_s", 80e6}, {"received_bit_s", 80e6}, {"short", false}}}};
   auto text = render({summary(with, came)}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("traffic: 80 Mbit/s each way in datagrams of 1470 B"));
   EXPECT_THAT(
       text, HasSubstr("udp: traffic: 79.96 Mbit/s of 80 arrived at the component, 80 Mbit/s of 80 arrived"));
   came["traffic"]["to_controller"] = {
-      {"asked_bit_s", 80e6}, {"sent_bit_s", 38.2e6}, {"received_bit_s", nullptr}, {"short", true}};
+      {"asked_bit_s", 80'000'000}, {"sent_bit_s", 38.2e6}, {"received_bit_s", nullptr}, {"short", true}};
   text = render({summary(with, came)}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("TRAFFIC SHORTFALL: 79.96 Mbit/s of 80 arrived at the component, "
                               "- Mbit/s of 80 arrived at the controller (38.2 sent)"));

@@ -108,11 +108,10 @@ TEST(Ssh, EachFailureNamesHostAndFix) {
 }
 
 TEST(Ssh, LinkOfSshIsNotedOnlyIfItMayBeTheOneUnderTest) {
-  EXPECT_EQ(note_of_ssh_link("component", nullptr), "");
-  EXPECT_EQ(note_of_ssh_link("component", {{"interface", "eth0"}, {"shared", false}}), "");
-  EXPECT_THAT(note_of_ssh_link("component", {{"interface", "eth1"}, {"shared", true}}), HasSubstr("eth1"));
-  EXPECT_THAT(note_of_ssh_link("component", {{"interface", nullptr}, {"shared", true}}),
-              HasSubstr("unknown"));
+  EXPECT_EQ(note_of_ssh_link("component", {}), "");
+  EXPECT_EQ(note_of_ssh_link("component", record::SshLink{"eth0", false}), "");
+  EXPECT_THAT(note_of_ssh_link("component", record::SshLink{"eth1", true}), HasSubstr("eth1"));
+  EXPECT_THAT(note_of_ssh_link("component", record::SshLink{{}, true}), HasSubstr("unknown"));
 }
 
 TEST(Deploy, NamesPackagesOfLibrariesAndRunsNoForeignText) {

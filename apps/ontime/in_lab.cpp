@@ -12,6 +12,7 @@
 #include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "lab/results.hpp"
+#include "output.hpp"
 #include "record/record.hpp"
 
 namespace ontime::app {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "output.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdlib>
 #include <filesystem>
@@ -13,7 +14,7 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include "campaign/campaign.hpp"
+#include "orders/orders.hpp"
 
 namespace ontime::app {
 
@@ -62,6 +63,14 @@ std::string shown(const std::vector<statistics::Summary>& runs, report::Format f
               : report::render_answer(runs, format, origin, output_columns());
 }
 
+std::string about(std::chrono::duration<double> time) {
+  const auto s = std::max<std::int64_t>(0, std::chrono::round<std::chrono::seconds>(time).count());
+  if (s < 60) return fmt::format("{} s", s);
+  const auto min = (s + 30) / 60;
+  if (min < 60) return fmt::format("{} min", min);
+  return min % 60 == 0 ? fmt::format("{} h", min / 60) : fmt::format("{} h {} min", min / 60, min % 60);
+}
+
 std::string beginning_of(const std::string& path, std::size_t bytes) {
   std::string beginning(bytes, '\0');
   std::ifstream(path, std::ios::binary).read(beginning.data(), static_cast<std::streamsize>(bytes));
@@ -75,7 +84,7 @@ Output::Output(std::string path) : path_(std::move(path)) {
   // A typo must not replace hours of measurements. SQLite files begin with this mark.
   constexpr std::string_view mark = "SQLite format 3";
   if (is_file && beginning_of(path_, mark.size()) == mark)
-    throw campaign::Error(
+    throw orders::Error(
         2, fmt::format("{} is a results file and is not replaced. Fix: name another file", path_));
   if (to_stdout) {
     file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
@@ -124,7 +133,7 @@ void write_whole(const std::string& path, std::string_view text) {
 
 void Output::fail(int error) const {
   if (error == EPIPE && path_.empty()) throw ReaderGone();
-  throw campaign::Error(
+  throw orders::Error(
       3, fmt::format("{} cannot be written: {}. Fix: name another file, or free disk space",
                      path_.empty() ? "standard output" : path_, std::generic_category().message(error)));
 }

@@ -2,6 +2,7 @@
 // The output of a command: a complete file or none, or text on a terminal. Ordinary thread.
 #pragma once
 
+#include <chrono>
 #include <cstdio>
 #include <memory>
 #include <string>
@@ -23,6 +24,10 @@ std::string for_terminal(std::string text, int descriptor);
 // For standard output.
 std::string for_output(std::string text);
 
+// "45 s", "12 min", "7 h 40 min".
+std::string about(std::chrono::duration<double>);
+inline constexpr const char* simulated_time = " of simulated time";  // after about()
+
 // The first bytes of a file, filled with NUL; all NUL if the file is missing.
 std::string beginning_of(const std::string& path, std::size_t bytes);
 
@@ -36,7 +41,7 @@ struct ReaderGone {};
 class Output {
  public:
   // An empty path: standard output. finish() replaces an existing file; a results file is never replaced. A
-  // pipe or a device is written directly. All throw campaign::Error, which names the file, or ReaderGone.
+  // pipe or a device is written directly. All throw orders::Error, which names the file, or ReaderGone.
   explicit Output(std::string path);
   ~Output();
   Output(const Output&) = delete;

@@ -11,30 +11,22 @@
 namespace ontime::app {
 namespace {
 
-using nlohmann::json;
-
-void print_opened(const json& opened) {
-  const auto& transport = opened.at("transport");
+void print_opened(const record::Transport& transport) {
   std::vector<std::string> facts;
-  for (const auto& [name, value] : transport.at("facts").items())
-    facts.push_back(fmt::format("{} {}", name, value.get<std::string>()));
-  print_error(fmt::format("pong answers over {} ({}): {}. Ctrl-C ends it.",
-                          transport.at("name").get<std::string>(), transport.at("version").get<std::string>(),
+  for (const auto& [name, value] : transport.facts) facts.push_back(fmt::format("{} {}", name, value));
+  print_error(fmt::format("pong answers over {} ({}): {}. Ctrl-C ends it.", transport.name, transport.version,
                           fmt::join(facts, ", ")));
 }
 
 // One run for each ping, without samples: ping has them.
-void write(record::Writer& writer, const campaign::Run& run, const json& closed) {
+void write(record::Writer& writer, const campaign::Run& run, const campaign::Served& served) {
   auto asked = campaign::asked(run, {});
   asked["id"] = "pong";
   asked["command_line"] = command_line();
-  for (const auto& windows : closed.at("pings")) {
+  for (const auto& windows : served.pings) {
     const auto number = writer.begin_run(asked);
-    for (const auto& window : windows) writer.trace(number, {"component", trace::window_of(window)});
-    writer.end_run(
-        number,
-        {{"trace", {{"component", closed.at("trace")}}},
-         {"hosts", {{"component", {{"threads", closed.at("threads")}, {"machine", closed.at("machine")}}}}}});
+    for (const auto& window : windows) writer.trace(number, {"component", window});
+    writer.end_run(number, record::to_json(served.outcome));
   }
 }
 
@@ -54,26 +46,25 @@ void add_pong(Command& app) {
     std::optional<record::Writer> writer;
     if (run.explain) writer.emplace(*results);
     Terminal terminal;
-    json closed;
+    campaign::Served served;
     int code = 0;
     const auto keep = [&] {
-      if (writer && closed.contains("pings")) write(*writer, run, closed);
+      if (writer) write(*writer, run, served);
     };
     try {
       code = campaign::pong(
           run, terminal, catch_interrupts(),
-          [](const json& opened) {
-            print_opened(opened);
-            for (const auto& text : report::refusals_of(record::host_of(opened))) print_error(text);
+          [](const record::Host& opened) {
+            print_opened(opened.transport);
+            for (const auto& text : report::refusals_of(opened)) print_error(text);
           },
-          closed);
+          served);
     } catch (...) {
       keep();
       throw;
     }
     keep();
-    if (closed.contains("answered"))
-      print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
+    if (served.answered) print(fmt::format("answered {} messages\n", *served.answered));
     return was_stopped() ? 0 : code;  // a service that is stopped has not failed
   });
 }

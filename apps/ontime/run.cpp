@@ -13,6 +13,7 @@
 #include "listen_beside.hpp"
 #include "machine/machine.hpp"
 #include "measured.hpp"
+#include "output.hpp"
 #include "scenario_files.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
@@ -63,18 +64,18 @@ campaign::Done done_in(const record::Reader& reader) {
     const auto key = run.key;
     if (statistics::is_complete(run)) complete.emplace(key, std::move(run));
   }
-  return [complete = std::move(complete)](const auto& asked, const auto& machines) -> const nlohmann::json* {
+  return [complete = std::move(complete)](const auto& asked, const auto& machines) -> const record::Outcome* {
     const auto [first, last] = complete.equal_range(record::key_of(asked));
     for (auto known = first; known != last; ++known) {
       const auto& run = known->second;
       if (!same(run.asked.document, asked, {"repetition", "scenario", "ontime"})) continue;
-      for (const auto& [host, machine] : machines.items())
-        if (!same(record::find(run.outcome.hosts, host).machine.document, machine,
+      for (const auto& [host, machine] : machines)
+        if (!same(record::find(run.outcome.hosts, host).machine.document, machine.document,
                   {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
           throw campaign::Error(2, fmt::format("--resume: run {} was measured on another machine or kernel "
                                                "than the {}'s. Fix: start a new results file",
                                                run.number, host));
-      return &run.outcome.document;
+      return &run.outcome;
     }
     return nullptr;
   };

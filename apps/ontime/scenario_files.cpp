@@ -7,7 +7,7 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
+#include "orders/orders.hpp"
 #include "spelling/spelling.hpp"
 
 namespace ontime::app {
@@ -47,7 +47,7 @@ std::string meant(const std::string& name) { return spelling::suggestion(name, o
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
-    throw campaign::Error(
+    throw orders::Error(
         2,
         fmt::format("{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones",
                     name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
@@ -57,7 +57,7 @@ std::vector<std::string> files_of(const std::string& name) {
     if (entry.path().extension() == suffix) files.push_back(entry.path().string());
   std::ranges::sort(files);
   if (files.empty())
-    throw campaign::Error(2, fmt::format("{}: this folder has no scenario (*{})", name, suffix));
+    throw orders::Error(2, fmt::format("{}: this folder has no scenario (*{})", name, suffix));
   return files;
 }
 

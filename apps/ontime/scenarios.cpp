@@ -3,12 +3,12 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "output.hpp"
+#include "scenario/scenario.hpp"
 #include "scenario_files.hpp"
 #include "table/table.hpp"
-#include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
@@ -19,7 +19,7 @@ using nlohmann::ordered_json;
 std::vector<std::string> own_files() {
   const auto own = own_scenarios();
   if (own.empty())
-    throw campaign::Error(3, "no scenarios are installed with this program. Fix: name a file or a folder");
+    throw orders::Error(3, "no scenarios are installed with this program. Fix: name a file or a folder");
   std::vector<std::string> files;
   for (const auto& name : own_scenario_names()) files.push_back((own / (name + ".yaml")).string());
   return files;
@@ -37,12 +37,12 @@ ordered_json line_of(const std::string& file) {
   ordered_json line = {{"name", name_of(file)}, {"file", file},        {"title", nullptr}, {"runs", nullptr},
                        {"seconds", nullptr},    {"searches", nullptr}, {"error", nullptr}};
   try {
-    const auto scenario = campaign::read_scenario(file, {});
+    const auto scenario = scenario::read_scenario(file, {});
     line["title"] = scenario.title;
     line["runs"] = scenario.size();
-    line["seconds"] = campaign::time_of(scenario).count();
+    line["seconds"] = scenario::time_of(scenario).count();
     line["searches"] =
-        std::ranges::any_of(scenario.runs, [](const campaign::Run& run) { return run.step.of > 0; });
+        std::ranges::any_of(scenario.runs, [](const scenario::Run& run) { return run.step.of > 0; });
   } catch (const scenario::Error& error) {
     line["error"] = error.what();
   }
@@ -87,10 +87,9 @@ void add_scenarios(Command& app) {
     std::vector<ordered_json> lines;
     lines.reserve(files.size());
     for (const auto& file : files) lines.push_back(line_of(file));
-    if (as_json)
-      print_json(ordered_json(lines));
-    else
-      print(text_of(lines));
+    write_whole(
+        "", as_json ? ordered_json(lines).dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n"
+                    : text_of(lines));
     return std::ranges::all_of(lines, [](const auto& line) { return line.at("error").is_null(); }) ? 0 : 2;
   });
 }

@@ -11,6 +11,7 @@
 
 #include "explain/explain.hpp"
 #include "gate/gate.hpp"
+#include "output.hpp"
 #include "search_report.hpp"
 
 namespace ontime::app {

@@ -139,14 +139,6 @@ void Terminal::ends(const roundtrip::Counters& counters) {
   say("{}  {}\n", head_, words(counters));
 }
 
-std::string about(std::chrono::duration<double> time) {
-  const auto s = std::max<std::int64_t>(0, std::chrono::round<std::chrono::seconds>(time).count());
-  if (s < 60) return fmt::format("{} s", s);
-  const auto min = (s + 30) / 60;
-  if (min < 60) return fmt::format("{} min", min);
-  return min % 60 == 0 ? fmt::format("{} h", min / 60) : fmt::format("{} h {} min", min / 60, min % 60);
-}
-
 campaign::Interrupts& catch_interrupts(const std::string& text) {
   static std::string kept;  // for the handler
   first_notice = nullptr;

@@ -33,10 +33,6 @@ class Terminal : public campaign::Observer {
   std::chrono::nanoseconds duration_{0};
 };
 
-// "45 s", "12 min", "7 h 40 min".
-std::string about(std::chrono::duration<double>);
-inline constexpr const char* simulated_time = " of simulated time";  // after about()
-
 // Counts SIGINT, SIGTERM and SIGHUP from now on. The first one prints `notice`, because the end may take
 // seconds; "": nothing.
 campaign::Interrupts& catch_interrupts(const std::string& notice = "");

@@ -9,6 +9,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "settings/settings.hpp"

@@ -5,7 +5,7 @@
 //
 //   order              answer
 //   identify {}        identified {pid}: as its machine has it
-//   open  {task, ssh}  opened {transport, refusals, ssh_link}
+//   open  {task, ssh}  opened: a record::Host with transport, refusals and ssh_link
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
 //                      background topics have matched, and send. With note_answers (else false) a server
 //                      tells, from now on and now and then, answered {} with the bytes of its answers, and
@@ -14,12 +14,10 @@
 //   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {}
 //                      with bytes, until finished {counters, waited_bytes}; of background topics nothing
 //   stop  {}           none; a client's `finished` comes sooner
-//   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered,
-//                      `neighbours`}: the last is the account of background topics
+//   end   {}           ended: a record::Host without ssh_link: what the end did since `begin`
 //
-// `ssh` (default false): whether events go out by ssh. Then ssh_link is {interface, shared}: the interface of
-// ssh here (null: unknown), and whether the messages use it too, or may. If so, samples wait for the end of
-// the run (waited_bytes of them), so that they do not disturb it.
+// `ssh` (default false): whether events go out by ssh. If the messages use its interface too, or may, samples
+// wait for the end of the run (waited_bytes of them), so that they do not disturb it.
 #pragma once
 
 #include <span>
@@ -39,7 +37,6 @@ using conditions::Task;
 nlohmann::json to_json(const Task&);
 Task task_of(const nlohmann::json&);
 nlohmann::json to_json(const roundtrip::Counters&);
-nlohmann::json to_json(const roundtrip::BackgroundCounters&);
 roundtrip::Counters counters_of(const nlohmann::json&);
 
 // Samples are sent as raw bytes, so both sides must be the same build: `hello` compares this layout.

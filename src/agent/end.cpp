@@ -15,7 +15,6 @@
 namespace ontime::agent {
 namespace {
 
-using nlohmann::json;
 using orders::Error;
 
 // Prefix of the role of a thread that serves only background topics.
@@ -86,8 +85,9 @@ void check(const transport::Plugin& plugin, const Task& task) {
   }
 }
 
-json since(const std::optional<std::uint64_t>& before, const std::optional<std::uint64_t>& now) {
-  if (!now) return nullptr;
+std::optional<std::uint64_t> since(const std::optional<std::uint64_t>& before,
+                                   const std::optional<std::uint64_t>& now) {
+  if (!now) return {};
   return *now - std::min(*now, before.value_or(0));
 }
 
@@ -147,16 +147,19 @@ void End::drop_privileges() {
              "none: the thread reads from the network with all privileges"}});
 }
 
-json End::opened() {
+record::Host End::opened() {
+  record::Host host;
+  const auto facts = endpoint().facts();
   const auto& can = plugin_->capabilities;
-  return {{"refusals", refusals()},
-          {"transport",
-           {{"name", plugin_->name},
-            {"version", plugin_->version()},
-            {"below_ip", can.below_ip},
-            {"past_the_kernel", can.past_the_kernel},
-            {"nodes", can.nodes},
-            {"shares_threads", can.shares_threads}}}};
+  host.transport = {.name = plugin_->name,
+                    .version = plugin_->version(),
+                    .facts = {facts.begin(), facts.end()},
+                    .below_ip = can.below_ip,
+                    .past_the_kernel = can.past_the_kernel,
+                    .nodes = can.nodes,
+                    .shares_threads = can.shares_threads};
+  host.refusals = refusals_;
+  return host;
 }
 
 void End::set_threads() {
@@ -209,64 +212,48 @@ void End::begin() {
   link_watch_ = std::make_unique<machine::LinkWatch>(task_.config.interface);
 }
 
-json End::ended() {
-  auto threads_during = json::array();
+record::Host End::ended() {
+  auto host = opened();
   for (const auto& thread : threads())
-    if (const auto now = realtime::read(thread.tid)) threads_during.push_back(during(thread, *now));
-  return {{"threads", threads_during},
-          {"refusals", refusals()},
-          {"facts", endpoint().facts()},
-          {"losses", losses()},
-          {"drops", machine::between(drops_before_, machine::drops(task_.config.interface))},
-          {"link", link()},
-          {"shared_memory", machine::shared_memory()},
-          {"answered", server_ ? answered() : 0},
-          {"neighbours", account_of_background()}};
-}
-
-json End::account_of_background() const {
-  if (!background_) return nullptr;
-  auto account = to_json(background_->counters());
-  account["payload_bytes"] = task_.background.payload_bytes;
-  return account;
+    if (const auto now = realtime::read(thread.tid)) host.threads.push_back(during(thread, *now));
+  host.losses = losses();
+  host.drops =
+      record::read<record::Drops>(machine::between(drops_before_, machine::drops(task_.config.interface)));
+  host.link = link();
+  host.shared_memory = machine::shared_memory();
+  host.answered = server_ ? answered() : 0;
+  if (background_) host.background = {background_->counters(), task_.background.payload_bytes};
+  return host;
 }
 
 void End::refuse(const std::vector<realtime::Refusal>& refusals) {
-  for (const auto& refusal : refusals)
-    if (std::ranges::count(refusals_, refusal.asked, &realtime::Refusal::asked) == 0)
-      refusals_.push_back(refusal);
+  for (const auto& [asked, found, remedy] : refusals)
+    if (std::ranges::count(refusals_, asked, &record::Refusal::asked) == 0)
+      refusals_.push_back({asked, found, remedy});
 }
 
-json End::refusals() const {
-  auto result = json::array();
-  for (const auto& refusal : refusals_)
-    result.push_back({{"asked", refusal.asked}, {"found", refusal.found}, {"remedy", refusal.remedy}});
-  return result;
-}
-
-json End::during(const transport::Thread& thread, const realtime::ThreadState& now) const {
+record::Thread End::during(const transport::Thread& thread, const realtime::ThreadState& now) const {
   const auto found = before_.find(thread.tid);
   const auto before = found == before_.end() ? realtime::ThreadState{} : found->second;
   const auto counter = instructions_.find(thread.tid);
-  const auto instructions = counter == instructions_.end() ? std::nullopt : counter->second.value();
-  return {{"role", thread.role},
-          {"name", thread.name},
-          {"tid", thread.tid},
-          {"policy", realtime::word_of(now.policy)},
-          {"priority", now.priority},
-          {"cpus", now.cpus},
-          {"minor_faults", now.minor_faults - before.minor_faults},
-          {"major_faults", now.major_faults - before.major_faults},
-          {"voluntary_switches", now.voluntary_switches - before.voluntary_switches},
-          {"involuntary_switches", now.involuntary_switches - before.involuntary_switches},
-          {"cpu_time_us", static_cast<double>((now.cpu_time - before.cpu_time).count()) / 1e3},
-          {"instructions", instructions ? json(*instructions) : json(nullptr)}};
+  return {.role = thread.role,
+          .name = thread.name,
+          .tid = thread.tid,
+          .policy = realtime::word_of(now.policy),
+          .priority = now.priority,
+          .cpus = now.cpus,
+          .minor_faults = now.minor_faults - before.minor_faults,
+          .major_faults = now.major_faults - before.major_faults,
+          .voluntary_switches = now.voluntary_switches - before.voluntary_switches,
+          .involuntary_switches = now.involuntary_switches - before.involuntary_switches,
+          .cpu_time_us = static_cast<double>((now.cpu_time - before.cpu_time).count()) / 1e3,
+          .instructions = counter == instructions_.end() ? std::nullopt : counter->second.value()};
 }
 
-json End::losses() {
+record::Losses End::losses() {
   const auto now = endpoint().losses();
-  return {{"on_the_way", since(losses_before_.on_the_way, now.on_the_way)},
-          {"overwritten", since(losses_before_.overwritten, now.overwritten)}};
+  return {since(losses_before_.on_the_way, now.on_the_way),
+          since(losses_before_.overwritten, now.overwritten)};
 }
 
 // Messages that certainly passed this end in both directions.
@@ -277,15 +264,14 @@ std::uint64_t End::answered() const {
   return counters.on_time + counters.late;
 }
 
-json End::link() const {
-  if (!traffic_before_) return nullptr;
-  auto link = machine::since(*traffic_before_, task_.config.interface,
-                             answered() * message::least_frame_bytes(task_.client.payload_bytes));
-  link["interface"] = task_.config.interface;
-  link["down"] = json::array();
+record::Link End::link() const {
+  if (!traffic_before_) return {};
+  auto link = record::read<record::Link>(
+      machine::since(*traffic_before_, task_.config.interface,
+                     answered() * message::least_frame_bytes(task_.client.payload_bytes)));
+  link.interface = task_.config.interface;
   for (const auto& [from_ns, to_ns, taken] : link_watch_->downs())
-    link["down"].push_back(
-        {{"from_ns", from_ns}, {"to_ns", to_ns != 0 ? json(to_ns) : json(nullptr)}, {"taken", taken}});
+    link.down.push_back({from_ns, to_ns != 0 ? std::optional(to_ns) : std::nullopt, taken});
   return link;
 }
 

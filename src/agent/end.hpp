@@ -12,6 +12,7 @@
 #include "agent/agent.hpp"
 #include "machine/machine.hpp"
 #include "realtime/realtime.hpp"
+#include "record/outcome.hpp"
 
 namespace ontime::agent {
 
@@ -28,24 +29,22 @@ class End {
   }
   const Task& task() const { return task_; }
   void drop_privileges();  // those that an open end no longer needs
-  nlohmann::json opened();
+  record::Host opened();
 
   // Called again once peers have matched, because a middleware may start threads at any time.
   void set_threads();
   void begin();
-  nlohmann::json ended();
+  record::Host ended();  // without what the keeper knows
 
  private:
   void open();
   std::vector<transport::Thread> threads();
   void set_thread_of_background(const transport::Thread&);
   void refuse(const std::vector<realtime::Refusal>&);
-  nlohmann::json refusals() const;
-  nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
-  nlohmann::json account_of_background() const;
-  nlohmann::json losses();
+  record::Thread during(const transport::Thread&, const realtime::ThreadState& now) const;
+  record::Losses losses();
   std::uint64_t answered() const;
-  nlohmann::json link() const;
+  record::Link link() const;
 
   Task task_;
   std::unique_ptr<realtime::CpuLatencyRequest> latency_;
@@ -54,7 +53,7 @@ class End {
   std::unique_ptr<roundtrip::Server> server_;
   std::unique_ptr<roundtrip::BackgroundTopics> background_;  // beside one of these, or alone
   std::set<pid_t> set_;
-  std::vector<realtime::Refusal> refusals_;
+  std::vector<record::Refusal> refusals_;
   std::map<pid_t, realtime::ThreadState> before_;
   std::map<pid_t, realtime::InstructionCounter> instructions_;
   transport::Losses losses_before_;

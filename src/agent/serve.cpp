@@ -29,7 +29,7 @@ using Clock = std::chrono::steady_clock;
 constexpr auto progress_period = 1s;
 
 // SSH_CONNECTION, which sshd sets: the client's address and port, then the server's.
-json ssh_link(const std::string& under_test) {
+record::SshLink ssh_link(const std::string& under_test) {
   // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here sets the environment
   const char* connection = std::getenv("SSH_CONNECTION");
   std::istringstream words(connection != nullptr ? connection : "");
@@ -37,7 +37,7 @@ json ssh_link(const std::string& under_test) {
   words >> client >> client_port >> address;
   const auto interface = address.empty() ? std::nullopt : machine::interface_with(address);
   const bool apart = interface && !under_test.empty() && *interface != under_test;
-  return {{"interface", interface ? json(*interface) : json()}, {"shared", !apart}};
+  return {interface, !apart};
 }
 
 class Agent final : public orders::Worker {
@@ -50,9 +50,9 @@ class Agent final : public orders::Worker {
       end_ = std::make_unique<End>(task_of(body.at("task")));
       end_->drop_privileges();
       auto opened = end_->opened();
-      opened["ssh_link"] = body.value("ssh", false) ? ssh_link(end_->task().config.interface) : json();
-      shares_link_ = !opened.at("ssh_link").is_null() && opened.at("ssh_link").at("shared");
-      return events_.tell("opened", std::move(opened));
+      if (body.value("ssh", false)) opened.ssh_link = ssh_link(end_->task().config.interface);
+      shares_link_ = opened.ssh_link && opened.ssh_link->shared;
+      return events_.tell("opened", record::to_json(opened));
     }
     if (!end_) throw Error(3, "order '" + order + "' came before 'open' (a bug: please report)");
     if (order == "start" && body.value("note_answers", false)) {
@@ -105,7 +105,7 @@ class Agent final : public orders::Worker {
   // After `ended` the coordinator takes no more answers.
   void tell_end() {
     if (notes_answers_) tell_answers();
-    events_.tell("ended", end_->ended());
+    events_.tell("ended", record::to_json(end_->ended()));
   }
 
   milliseconds match() {

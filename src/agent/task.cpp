@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "agent/agent.hpp"
+#include "record/outcome.hpp"
 
 namespace ontime::agent {
 namespace {
@@ -73,29 +74,13 @@ Task task_of(const json& from) {
 }
 
 json to_json(const roundtrip::Counters& counters) {
-  json to;
-  for (const auto& [name, member] : roundtrip::counter_names) to[name] = counters.*member;
-  to["trailing_due_ns"] = counters.trailing_due_ns;
-  to["trailing_until_ns"] = counters.trailing_until_ns;
-  return to;
+  record::Outcome outcome;
+  outcome.has_counters = true;
+  outcome.counters = counters;
+  return record::to_json(outcome);
 }
 
-json to_json(const roundtrip::BackgroundCounters& counters) {
-  return {{"sent", counters.sent},
-          {"refused", counters.refused},
-          {"skipped_cycles", counters.skipped_cycles},
-          {"received", counters.received},
-          {"strays", counters.strays},
-          {"overruns", counters.overruns}};
-}
-
-roundtrip::Counters counters_of(const json& from) {
-  roundtrip::Counters counters;
-  for (const auto& [name, member] : roundtrip::counter_names) counters.*member = from.at(name);
-  counters.trailing_due_ns = from.at("trailing_due_ns");
-  counters.trailing_until_ns = from.at("trailing_until_ns");
-  return counters;
-}
+roundtrip::Counters counters_of(const json& from) { return record::Outcome(from).counters; }
 
 std::string sample_layout() {
   return std::to_string(sizeof(roundtrip::Sample)) +

@@ -8,7 +8,8 @@
 namespace ontime::campaign {
 namespace {
 
-using nlohmann::json;
+using record::BackgroundSeen;
+using record::BackgroundSent;
 
 constexpr double enough_messages = 0.95;  // of the requested messages, as for traffic
 
@@ -16,31 +17,29 @@ bool falls_short(std::uint64_t count, std::uint64_t asked) {
   return static_cast<double>(count) < enough_messages * static_cast<double>(asked);
 }
 
-json way(const json& sender, const json& receiver, std::uint64_t wanted) {
-  const auto sent = sender.at("sent").get<std::uint64_t>();
-  const auto received = receiver.at("received").get<std::uint64_t>();
-  const auto refused = sender.at("refused").get<std::uint64_t>();
-  const auto overruns = receiver.at("overruns").get<std::uint64_t>();
-  const auto asked = std::max(sent + refused + sender.at("skipped_cycles").get<std::uint64_t>(), wanted);
-  const auto skipped = asked - sent - refused;  // a sender that has not finished has not counted all
-  const bool is_short = falls_short(sent, asked) || falls_short(received, asked) ||
-                        falls_short(received - std::min(received, overruns), received);
-  return {{"sent", sent},         {"received", received},      {"lost", sent - std::min(sent, received)},
-          {"refused", refused},   {"skipped_cycles", skipped}, {"strays", receiver.at("strays")},
-          {"overruns", overruns}, {"short", is_short}};
+BackgroundSeen way(const BackgroundSent& sender, const BackgroundSent& receiver, std::uint64_t wanted) {
+  const auto sent = sender.sent, received = receiver.received, overruns = receiver.overruns;
+  const auto asked = std::max(sent + sender.refused + sender.skipped_cycles, wanted);
+  return {.sent = sent,
+          .received = received,
+          .lost = sent - std::min(sent, received),
+          // A sender that has not finished has not counted all.
+          .skipped_cycles = asked - sent - sender.refused,
+          .refused = sender.refused,
+          .overruns = overruns,
+          .strays = receiver.strays,
+          .is_short = falls_short(sent, asked) || falls_short(received, asked) ||
+                      falls_short(received - std::min(received, overruns), received)};
 }
 
 // Where the missing messages are.
-std::string missing(const json& counted) {
-  const struct {
-    const char *key, *what;
-  } places[] = {{"skipped_cycles", "; {} not sent because their sender overran its period"},
-                {"refused", "; {} refused by the transport"},
-                {"lost", "; {} lost"}};
+std::string missing(const BackgroundSeen& counted) {
   std::string text;
-  for (const auto& [key, what] : places)
-    if (const auto count = counted.at(key).get<std::uint64_t>(); count > 0)
-      text += fmt::format(fmt::runtime(what), count);
+  for (const auto& [count, what] :
+       {std::pair(counted.skipped_cycles, "; {} not sent because their sender overran its period"),
+        {counted.refused, "; {} refused by the transport"},
+        {counted.lost, "; {} lost"}})
+    if (count > 0) text += fmt::format(fmt::runtime(what), count);
   return text;
 }
 
@@ -52,30 +51,30 @@ agent::Task of_their_own(agent::Task task) {
   return task;
 }
 
-json achieved(const roundtrip::BackgroundOptions& options, const json& outcome,
-              std::optional<std::chrono::nanoseconds> duration) {
-  const auto& controller = outcome.at("hosts").at("controller").at("neighbours");
-  const auto& component = outcome.at("hosts").at("component").at("neighbours");
+record::ByName<BackgroundSeen> achieved(const roundtrip::BackgroundOptions& options,
+                                        const record::Outcome& outcome,
+                                        std::optional<std::chrono::nanoseconds> duration) {
+  const auto& controller = find(outcome.hosts, "controller").background;
+  const auto& component = find(outcome.hosts, "component").background;
   const auto wanted = duration ? roundtrip::messages_asked(options, *duration) : 0;
-  auto all = json::object();
+  record::ByName<BackgroundSeen> all;
   if (options.there) all["to_component"] = way(controller, component, wanted);
   if (options.back) all["to_controller"] = way(component, controller, wanted);
   return all;
 }
 
-std::vector<std::string> shortfalls_of_background(const json& achieved) {
+std::vector<std::string> shortfalls_of_background(const record::ByName<BackgroundSeen>& achieved) {
   std::vector<std::string> texts;
-  for (const auto& [way, counted] : achieved.items()) {
-    if (!counted.at("short")) continue;
-    const auto of = [&counted = counted](const char* key) { return counted.at(key).get<std::uint64_t>(); };
-    texts.push_back(fmt::format(
-        "BACKGROUND TOPICS SHORTFALL: {} of {} messages arrived at the {}{}{}", of("received"),
-        of("sent") + of("refused") + of("skipped_cycles"), way == "to_component" ? "component" : "controller",
-        of("overruns") == 0
-            ? ""
-            : fmt::format("; {} with a callback longer than its share of the period", of("overruns")),
-        missing(counted)));
-  }
+  for (const auto& [way, counted] : achieved)
+    if (counted.is_short)
+      texts.push_back(fmt::format(
+          "BACKGROUND TOPICS SHORTFALL: {} of {} messages arrived at the {}{}{}", counted.received,
+          counted.sent + counted.refused + counted.skipped_cycles,
+          way == "to_component" ? "component" : "controller",
+          counted.overruns == 0
+              ? ""
+              : fmt::format("; {} with a callback longer than its share of the period", counted.overruns),
+          missing(counted)));
   return texts;
 }
 

@@ -8,6 +8,7 @@
 #include "campaign/search.hpp"
 #include "campaign/session.hpp"
 #include "gate/gate.hpp"
+#include "record/record.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -64,7 +65,7 @@ class Suite {
         if (own.faults.any() && own.faults != run.faults) machines_.check(own);
     }
   }
-  json machines(const Run& run) const {
+  record::ByName<record::Machine> machines(const Run& run) const {
     return {{"controller", machines_.machine("controller")}, {"component", machines_.machine(run.component)}};
   }
   Hosts::Kind kind() const { return machines_.hosts().kind; }
@@ -87,31 +88,33 @@ class Suite {
       try {
         const auto outcomes = session.measure(wait);
         for (std::size_t i = 0; i < runs.size(); ++i) {
-          if (outcomes[i].contains("error")) {
-            failures_.note(runs[i], outcomes[i].at("error"));
+          if (const auto& error = outcomes[i].error) {
+            failures_.note(runs[i], *error);
             code = 3;
           }
-          ends = ends || gate::ends_search(records[i], outcomes[i]);
-          writer_.end_run(numbers[i], outcomes[i]);
+          const auto outcome = record::to_json(outcomes[i]);
+          ends = ends || gate::ends_search(records[i], outcome);
+          writer_.end_run(numbers[i], outcome);
         }
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
         coordinator_.drain();  // samples that are here, and not yet read
-        for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
+        record::Outcome interrupted;
+        interrupted.interrupted = true;
+        for (const auto number : numbers) writer_.end_run(number, record::to_json(interrupted));
       } catch (const orders::Unanswered& error) {
-        const json why{{"error", error.what()}, {"unanswered", true}};
-        ends = gate::ends_search(records.front(), why);
-        code = failed(session, runs.front(), numbers, why, ends ? 0 : error.exit);
+        code = failed(session, runs.front(), numbers, records.front(), {error.what(), true}, error.exit);
+        ends = code == 0;
       } catch (const Refused& error) {
-        code = failed(session, runs.front(), numbers,
-                      {{"error", error.what()}, {"refused_setting", error.setting}}, error.exit);
+        code = failed(session, runs.front(), numbers, records.front(), {error.what(), false, error.setting},
+                      error.exit);
       } catch (const Error& error) {
-        code = failed(session, runs.front(), numbers, {{"error", error.what()}}, error.exit);
+        code = failed(session, runs.front(), numbers, records.front(), {error.what()}, error.exit);
       } catch (const json::exception& error) {  // an answer without the expected fields
         const auto why =
             fmt::format("a worker sent an invalid answer ({}). Fix: install the same build on both machines",
                         error.what());
-        code = failed(session, runs.front(), numbers, {{"error", why}}, 3);
+        code = failed(session, runs.front(), numbers, records.front(), {why}, 3);
       }
       has_begun = session.has_begun();
     }
@@ -129,23 +132,32 @@ class Suite {
   }
 
  private:
+  struct Why {
+    std::string error;
+    bool unanswered = false;
+    std::string refused_setting{};
+  };
   // A failure of one run ends all that run at the same time: the requested conditions no longer hold. Returns
   // the exit code: 0 if the failure is the end of a search.
-  int failed(Session& session, const Run& run, const Numbers& numbers, const json& why, int exit) {
-    const auto outcomes = session.salvage();
+  int failed(Session& session, const Run& run, const Numbers& numbers, const json& record, const Why& why,
+             int exit) {
+    auto outcomes = session.salvage();
+    bool ends = false;
     for (std::size_t i = 0; i < numbers.size(); ++i) {
-      auto outcome = outcomes[i];
-      outcome.update(why);
-      outcome["interrupted"] = interrupts_ > 0;
+      outcomes[i].error = why.error;
+      outcomes[i].unanswered = why.unanswered;
+      outcomes[i].refused_setting = why.refused_setting;
+      outcomes[i].interrupted = interrupts_ > 0;
+      const auto outcome = record::to_json(outcomes[i]);
+      ends = ends || gate::ends_search(record, outcome);
       writer_.end_run(numbers[i], outcome);
     }
-    const std::string text = why.at("error");
-    if (exit == 0)
-      observer_.note(
-          text_of(run, fmt::format("the search of {} ends at {}: {}", run.step.key, run.step.value, text)));
+    if (ends)
+      observer_.note(text_of(
+          run, fmt::format("the search of {} ends at {}: {}", run.step.key, run.step.value, why.error)));
     else
-      failures_.note(run, text);
-    return exit;
+      failures_.note(run, why.error);
+    return ends ? 0 : exit;
   }
 
   record::Writer& writer_;

@@ -4,24 +4,27 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
-#include "agent/agent.hpp"
-#include "background/background.hpp"
 #include "conditions/conditions.hpp"
-#include "isolation/isolation.hpp"
-#include "machine/machine.hpp"
 #include "orders/orders.hpp"
-#include "record/record.hpp"
+#include "record/outcome.hpp"
 #include "scenario/scenario.hpp"
-#include "security/security.hpp"
-#include "settings/settings.hpp"
+
+namespace ontime::record {
+class Writer;
+}
+namespace ontime::trace {
+struct Window;
+}
 
 namespace ontime::campaign {
 
@@ -53,10 +56,10 @@ class Observer {
 
 using orders::Interrupts;
 
-// Returns the outcome of a run that is already in the results, by its requested record and its hosts'
-// machines; null if it is not.
-using Done =
-    std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;
+// Returns the outcome of a run that is already in the results, by its requested record and the machines of
+// "controller" and "component"; null if it is not.
+using Done = std::function<const record::Outcome*(const nlohmann::json& asked,
+                                                  const record::ByName<record::Machine>& machines)>;
 
 // Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
 // (the others are still carried out), or 130. Changes on the hosts are undone when it returns or
@@ -88,9 +91,15 @@ class Look {
 // The client alone, on this host. A run that ends before its first message is not recorded.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
-// Serves until interrupted. `told` is called with its record once it serves. `closed` receives the result,
-// also if this throws.
-int pong(const Run&, Observer&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
-         nlohmann::json& closed);
+// What pong did, as far as it is known.
+struct Served {
+  std::optional<std::uint64_t> answered;          // messages; nothing: it did not end in order
+  record::Outcome outcome;                        // of each of its records, with `explain`
+  std::vector<std::vector<trace::Window>> pings;  // the windows of each client, with `explain`
+};
+// Serves until interrupted. `told` is called with its end once it serves. `served` receives the result, also
+// if this throws.
+int pong(const Run&, Observer&, Interrupts&, const std::function<void(const record::Host& opened)>& told,
+         Served& served);
 
 }  // namespace ontime::campaign

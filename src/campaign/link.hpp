@@ -8,7 +8,7 @@
 #include <set>
 #include <string>
 
-#include <nlohmann/json.hpp>
+#include "record/outcome.hpp"
 
 namespace ontime::campaign {
 
@@ -17,14 +17,14 @@ namespace ontime::campaign {
 // least these, or no interface was requested. Other traffic on the link can hide missing messages, so shared
 // memory of a middleware at both ends of one machine is an error by itself. Ontime's own traffic is left out
 // where it could be counted apart (`beside_traffic`).
-std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
+std::optional<std::string> went_elsewhere(const record::Outcome&, std::uint64_t payload_bytes);
 
 // For a run with launch-time: the error, for people, if the etf at an end counted fewer frames than messages.
 // A message that bypasses the etf leaves at once, without its launch time.
-std::optional<std::string> went_past_etf(const nlohmann::json& outcome);
+std::optional<std::string> went_past_etf(const record::Outcome&);
 
 // Why went_elsewhere() verifies nothing, for people: the interface of an end (`with_traffic`: which hosts)
 // had concurrent traffic of any run that could not be left out, or its counters were removed.
-std::optional<std::string> unproved(const nlohmann::json& outcome, const std::set<std::string>& with_traffic);
+std::optional<std::string> unproved(const record::Outcome&, const std::set<std::string>& with_traffic);
 
 }  // namespace ontime::campaign

@@ -5,6 +5,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::campaign {
 
@@ -69,10 +70,10 @@ std::string Look::why_not(const std::string& key, const std::string& value) cons
 
 int Look::most_cpus() const {
   const auto& machines = parts_->machines;
-  int most = machines.machine(controller).at("cpu_count");
-  for (const auto& component : machines.hosts().components)
-    most = std::max<int>(most, machines.machine(component.name).at("cpu_count"));
-  return most;
+  const auto cpus = [&](const std::string& host) { return machines.machine(host).cpu_count.value_or(1); };
+  auto most = cpus(controller);
+  for (const auto& component : machines.hosts().components) most = std::max(most, cpus(component.name));
+  return static_cast<int>(most);
 }
 
 std::map<std::string, settings::Link> Look::links() const {

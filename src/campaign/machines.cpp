@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "agent/agent.hpp"
 #include "campaign/deploy.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
@@ -176,7 +177,7 @@ void Machines::open(Machine& machine, const Transports& transports) {
     if (network_namespace(hosts_.at(host)) && transports.contains(host))  // another place has its own files
       here.insert(transports.at(host).begin(), transports.at(host).end());
   const auto opened = ask(machine, "open", "opened", {{"transports", here}});
-  machine.description = opened.at("machine");
+  machine.description = record::read<record::Machine>(opened.at("machine"));
   if (machine.ssh && hosts_.deploy)
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
   tell(opened.at("notes"));
@@ -189,9 +190,9 @@ void Machines::open(Machine& machine, const Transports& transports) {
 void Machines::tell_of_two_ways() {
   std::map<std::string, std::string> first_host;  // by boot
   for (const auto& [reach, machine] : machines_) {
-    const auto boot = machine.description.value("boot_id", json());
-    if (!boot.is_string()) continue;
-    const auto [first, is_new] = first_host.emplace(boot.get<std::string>(), machine.hosts.front());
+    const auto& boot = machine.description.boot_id;
+    if (boot.empty()) continue;
+    const auto [first, is_new] = first_host.emplace(boot, machine.hosts.front());
     if (!is_new)
       observer_.note(
           fmt::format("the {} and the {} are on one machine, but with different ssh or host prefix: two "

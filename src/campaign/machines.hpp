@@ -7,6 +7,7 @@
 #include <memory>
 #include <set>
 
+#include "background/background.hpp"
 #include "campaign/campaign.hpp"
 #include "campaign/ssh.hpp"
 #include "trace/trace.hpp"
@@ -38,7 +39,7 @@ class Machines {
   // anything.
   void prepare(const Hosts&, const Transports& = {});
   const Hosts& hosts() const { return hosts_; }
-  const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
+  const record::Machine& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
   bool by_ssh(const std::string& host) const { return machine_of(host).ssh != nullptr; }
@@ -69,16 +70,18 @@ class Machines {
   using WindowCame = std::function<void(const std::string& host, trace::Window)>;
   void trace(WindowCame);
   // traced(): those machines of the controller and that component that can trace, by first host.
-  // how_traced(): {missing} or {error} of both, by "controller" and "component".
+  // how_traced(): of both, by "controller" and "component".
   std::vector<std::string> traced(const std::string& component) const;
-  nlohmann::json how_traced(const std::string& component) const;
+  record::ByName<record::Traced> how_traced(const std::string& component) const;
   void cut_out(const std::string& host, const std::vector<trace::Span>&);
   void unload();  // load, link, traffic and trace
   void begin();
   struct Account {
-    nlohmann::json conditions, load, load_running, kernel, isolation, machine;  // by host
+    record::ByName<record::Host> hosts;  // by host: machine, load, kernel settings and reserved CPUs
+    record::ByName<record::Activity> conditions;
     // By component, and then by "controller" and "component".
-    nlohmann::json traffic = nlohmann::json::object(), links = nlohmann::json::object();
+    nlohmann::json traffic = nlohmann::json::object();
+    std::map<std::string, record::ByName<record::Link>> links;  // faults and counts of prepared links
     // By component: which of its two ends had traffic on the interface, also another component's.
     std::map<std::string, std::set<std::string>> with_traffic;
   };
@@ -92,7 +95,7 @@ class Machines {
     Host where;                // as stated
     std::unique_ptr<Ssh> ssh;  // outlives everything that it starts
     std::unique_ptr<Hand> keeper;
-    nlohmann::json description;
+    record::Machine description;
     std::vector<std::string> hosts;
   };
   // What the keeper of a host needs to know of one end of a link, which it calls by `name`.
@@ -106,7 +109,7 @@ class Machines {
   };
   std::vector<LinkEnd> ends_of_links(const Together&) const;
   bool has_ports() const;
-  void account_of(const nlohmann::json& links, const nlohmann::json& traffic, Account&) const;
+  void account_of(const std::map<std::string, record::Link>&, const nlohmann::json& traffic, Account&) const;
   std::string isolate(const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   nlohmann::json link_of(const std::string& host) const;  // as the orders have it
@@ -133,15 +136,16 @@ class Machines {
   Hosts hosts_;
   std::set<std::string> warned_;
   bool tuned_ = false, loaded_ = false;
-  nlohmann::json load_given_;  // by host
   std::vector<LinkEnd> links_;
   WasCut was_cut_;
-  nlohmann::json traced_;  // by the first host of each machine
+  std::map<std::string, record::Traced> traced_;  // by the first host of each machine
   WindowCame window_came_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 
 inline constexpr const char* controller = "controller";
+// Adds what a keeper knows of the link.
+void add_counts(record::Link& to, const record::Link& of_keeper);
 // The network namespace of an end, as named by `ip netns`; nothing: its command prefix is another.
 std::optional<std::string> network_namespace(const Host&);
 // How a machine is reached; hosts with the same way share a machine.

@@ -10,6 +10,7 @@
 #include "campaign/machines.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -40,6 +41,13 @@ bool all_by_ip(const Together& runs) {
 }
 
 }  // namespace
+
+void add_counts(record::Link& to, const record::Link& of_keeper) {
+  if (of_keeper.gone) to.gone = of_keeper.gone;
+  if (of_keeper.faults) to.faults = of_keeper.faults;
+  if (of_keeper.etf) to.etf = of_keeper.etf;
+  if (of_keeper.beside_traffic) to.beside_traffic = of_keeper.beside_traffic;
+}
 
 json Machines::link_of(const std::string& host) const {
   const auto& where = hosts_.at(host);
@@ -197,12 +205,10 @@ void Machines::cut(WasCut told) {
 
 std::vector<std::string> Machines::load(const Together& runs) {
   loaded_ = true;
-  load_given_ = json::object();
   std::vector<std::string> scaled;
   const auto load_on = [&](const std::string& host, const background::Workers& workers) {
     if (!workers.any()) return;
     const auto loaded = have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
-    load_given_[host] = loaded.at("given");
     const std::string text = loaded.at("scaled");
     if (text.empty()) return;
     scaled.push_back(fmt::format("on the {}, {}", host, text));
@@ -228,16 +234,13 @@ void Machines::trace(WindowCame came) {
   window_came_ = std::move(came);
   std::string refused;
   bool any = false;
-  traced_ = json::object();
   for (auto& [reach, machine] : machines_) {
     const auto& host = machine.hosts.front();
-    auto answer = ask(machine, "trace", "tracing");
-    answer.erase("event");
-    if (answer.contains("error"))
-      refused = fmt::format("explain: on the {}'s machine: {}", host, answer.at("error").get<std::string>());
+    const auto& traced = traced_[host] = record::read<record::Traced>(ask(machine, "trace", "tracing"));
+    if (!traced.error.empty())
+      refused = fmt::format("explain: on the {}'s machine: {}", host, traced.error);
     else
       any = true;
-    traced_[host] = std::move(answer);
   }
   if (!any) throw Error(3, refused);
   if (!refused.empty()) observer_.note(refused);
@@ -247,12 +250,12 @@ std::vector<std::string> Machines::traced(const std::string& component) const {
   std::vector<std::string> hosts = {controller};
   if (hosts_.kind != Hosts::Kind::alone)
     if (const auto& first = machine_of(component).hosts.front(); first != controller) hosts.push_back(first);
-  std::erase_if(hosts, [this](const auto& host) { return traced_.at(host).contains("error"); });
+  std::erase_if(hosts, [this](const auto& host) { return !traced_.at(host).error.empty(); });
   return hosts;
 }
 
-json Machines::how_traced(const std::string& component) const {
-  json all = {{controller, traced_.at(controller)}};
+record::ByName<record::Traced> Machines::how_traced(const std::string& component) const {
+  record::ByName<record::Traced> all = {{controller, traced_.at(controller)}};
   if (hosts_.kind != Hosts::Kind::alone)
     if (const auto& first = machine_of(component).hosts.front(); first != controller)
       all["component"] = traced_.at(first);
@@ -279,20 +282,16 @@ void Machines::begin() {
 
 Machines::Account Machines::end() {
   Account account;
-  json links = json::object(), traffic = json::object();
+  std::map<std::string, record::Link> links;
+  auto traffic = json::object();
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
-      account.conditions[host] = ended.at("conditions");
-      account.load[host] = load_given_.value(host, json());
-      if (const auto& sizes = ended.at("hdd_file_bytes"); sizes.contains(host))
-        account.load[host]["hdd_file_bytes"] = sizes.at(host);
-      account.load_running[host] = ended.at("load_running").value(host, json());
-      account.kernel[host] = ended.at("kernel").value(host, json());
-      account.isolation[host] = ended.at("isolation").value(host, json());
-      account.machine[host] = ended.at("machine");
+      account.conditions[host] = record::read<record::Activity>(ended.at("conditions"));
+      account.hosts[host] = record::read<record::Host>(ended.at("hosts").value(host, json()));
+      account.hosts[host].machine = record::read<record::Machine>(ended.at("machine"));
     }
-    links.update(ended.at("links"));
+    for (const auto& [name, link] : ended.at("links").items()) links[name] = record::read<record::Link>(link);
     traffic.update(ended.at("traffic"));
   }
   account_of(links, traffic, account);
@@ -300,16 +299,19 @@ Machines::Account Machines::end() {
 }
 
 // Assigns what the keepers report of link ends and traffic, by name, to each component.
-void Machines::account_of(const json& links, const json& traffic, Account& account) const {
+void Machines::account_of(const std::map<std::string, record::Link>& links, const json& traffic,
+                          Account& account) const {
   if (hosts_.kind == Hosts::Kind::alone) return;
   for (const auto& [component, host] : hosts_.components) {
     const auto first = std::ranges::find_if(hosts_.components, [&, &own = host](const auto& other) {
       return interface_of(other.host) == interface_of(own);
     });
-    auto at_controller = links.value(controller, json::object());
-    at_controller.update(links.value(name_at_controller(component), json::object()));
-    account.links[component] = {{controller, at_controller},
-                                {"component", links.value(name_of(first->name), json::object())}};
+    auto& of_component = account.links[component];
+    for (const auto& [role, name] : {std::pair(controller, std::string(controller)),
+                                     {controller, name_at_controller(component)},
+                                     {"component", name_of(first->name)}})
+      if (const auto link = links.find(name); link != links.end())
+        add_counts(of_component[role], link->second);
     for (const auto& end : links_)
       if (!end.traffic_ports.empty() && (end.component.empty() || end.component == first->name))
         account.with_traffic[component].insert(end.component.empty() ? controller : "component");

@@ -7,6 +7,8 @@
 
 #include "campaign/background_topics.hpp"
 #include "campaign/link.hpp"
+#include "record/record.hpp"
+#include "security/security.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -32,10 +34,10 @@ agent::Task without_others(agent::Task task) {
 }
 
 // Adds what the agent of background topics reports to the report of that end.
-void add_background(json& host, const json& ended) {
-  host["neighbours"] = ended.at("neighbours");
-  for (const auto* list : {"threads", "refusals"})
-    for (const auto& one : ended.at(list)) host.at(list).push_back(one);
+void add_background(record::Host& host, const record::Host& ended) {
+  host.background = ended.background;
+  host.threads.insert(host.threads.end(), ended.threads.begin(), ended.threads.end());
+  host.refusals.insert(host.refusals.end(), ended.refusals.begin(), ended.refusals.end());
 }
 
 // A change in the number of servers that the client sees.
@@ -103,8 +105,8 @@ void Pair::listen_to(Hand& client) {
   });
   client.on("peer", [this](const Frame& frame) { note_peers(frame.message); });
   client.on("finished", [this](const Frame& frame) {
-    finished_ = frame.message.at("counters");
-    counters_ = agent::counters_of(*finished_);
+    finished_ = true;
+    counters_ = agent::counters_of(frame.message.at("counters"));
     if (const std::uint64_t bytes = frame.message.at("waited_bytes"); bytes > 0)
       writer_.note(number_,
                    {"samples-waited",
@@ -144,15 +146,16 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
       !beside) {  // before the agent has threads, which it may tie to these CPUs
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
-  end.opened = ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
-  const auto& declared = end.opened.at("transport");
-  if (const auto why = scenario::why_not_by(
-          task.transport,
-          {.below_ip = declared.at("below_ip"), .past_the_kernel = declared.at("past_the_kernel")}, run_,
-          machines_.hosts().wire);
+  end.opened = record::read<record::Host>(
+      ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}}));
+  const auto& declared = end.opened.transport;
+  if (const auto why = scenario::why_not_by(task.transport,
+                                            {.below_ip = declared.below_ip.value_or(false),
+                                             .past_the_kernel = declared.past_the_kernel.value_or(false)},
+                                            run_, machines_.hosts().wire);
       !why.empty())
     throw Error(2, why);
-  if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !beside && !text.empty())
+  if (const auto text = note_of_ssh_link(host, end.opened.ssh_link); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
 }
@@ -206,7 +209,7 @@ void Pair::go() {
     for (auto* end : ends())
       if (end != &*controller_) end->agent->order("go");
   controller_->agent->order("go");
-  if (const auto& link = controller_->opened.at("ssh_link"); !link.is_null() && link.at("shared").get<bool>())
+  if (const auto& link = controller_->opened.ssh_link; link && link->shared)
     writer_.note(number_, {"samples-wait",
                            "samples arrive at the end of the run, because ssh may use the link under test",
                            {},
@@ -226,57 +229,53 @@ bool Pair::overdue(Clock::time_point until) const {
 }
 
 void Pair::end() {
-  for (auto* end : ends()) end->ended = ask(*end, "end", "ended", json::object());
+  for (auto* end : ends()) end->ended = record::read<record::Host>(ask(*end, "end", "ended", json::object()));
   for (const auto* end : {&controller_, &component_})
     if (*end) note_downs(**end);
 }
 
 void Pair::note_downs(const End& end) {
-  const auto& link = end.ended.at("link");
-  if (link.is_null()) return;
   const bool by_the_controllers_clock =
       end.role == "controller" || machines_.hosts().kind != Hosts::Kind::stated;
-  for (const auto& down : link.at("down")) {
-    const std::int64_t from_ns = down.at("from_ns");
-    const auto& to_ns = down.at("to_ns");
+  for (const auto& [from_ns, to_ns, taken] : end.ended.link.down) {
     const auto text = fmt::format(
-        "{} of the {} {} {}", link.at("interface").get<std::string>(), end.role,
-        down.at("taken") ? "was taken down" : "had no carrier",
-        to_ns.is_null()
-            ? "until the end of the run"
-            : fmt::format("for {:.0f} ms", static_cast<double>(to_ns.get<std::int64_t>() - from_ns) / 1e6));
-    writer_.note(number_,
-                 {"link-down", text, by_the_controllers_clock ? std::optional(from_ns) : std::nullopt, {}});
+        "{} of the {} {} {}", end.ended.link.interface, end.role, taken ? "was taken down" : "had no carrier",
+        to_ns ? fmt::format("for {:.0f} ms", static_cast<double>(*to_ns - from_ns.value_or(0)) / 1e6)
+              : "until the end of the run");
+    writer_.note(number_, {"link-down", text, by_the_controllers_clock ? from_ns : std::nullopt, {}});
     observer_.note(text);
   }
 }
 
-json Pair::outcome(const Machines::Account& account) const {
-  auto outcome = finished_.value_or(json::object());
+record::Outcome Pair::outcome() const {
+  record::Outcome outcome;
+  outcome.has_counters = finished_;
+  outcome.counters = counters_;
+  return outcome;
+}
+
+record::Outcome Pair::outcome(const Machines::Account& account) const {
+  auto all = outcome();
   for (const auto* end : {&component_, &controller_}) {
     if (!*end) continue;
-    const auto& of_host = (*end)->host;
+    const auto& of_machine = find(account.hosts, (*end)->host);
     auto host = (*end)->ended;
-    host.erase("event");
-    host["machine"] = account.machine.at(of_host);
-    host["transport"] = (*end)->opened.at("transport");
-    host["transport"]["facts"] = host.at("facts");
-    host.erase("facts");
-    host["ssh_link"] = (*end)->opened.at("ssh_link");
-    if ((*end)->again) host["started_again"] = true;
-    if (const auto& load = account.load.at(of_host); !load.is_null()) host["load"] = load;
-    host["load_running"] = account.load_running.at(of_host);
-    if (!host.at("link").is_null())
-      host.at("link").update(
-          account.links.value(run_.component, json::object()).value((*end)->role, json::object()));
-    if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
+    host.ssh_link = (*end)->opened.ssh_link;
+    host.started_again = (*end)->again;
+    host.machine = of_machine.machine;
+    host.load = of_machine.load;
+    host.load_running = of_machine.load_running;
+    host.kernel = of_machine.kernel;
+    host.isolation = of_machine.isolation;
+    if (const auto links = account.links.find(run_.component);
+        links != account.links.end() && !host.link.interface.empty())
+      add_counts(host.link, find(links->second, (*end)->role));
     for (const auto& beside : background_)
       if (beside.role == (*end)->role) add_background(host, beside.ended);
-    if (const auto& kept = account.isolation.at(of_host); !kept.is_null()) host["isolation"] = kept;
-    outcome["conditions"][(*end)->role] = account.conditions.at(of_host);
-    outcome["hosts"][(*end)->role] = std::move(host);
+    all.conditions[(*end)->role] = find(account.conditions, (*end)->host);
+    all.hosts[(*end)->role] = std::move(host);
   }
-  return outcome;
+  return all;
 }
 
 void Pair::note_now(const char* kind, const std::string& text) {

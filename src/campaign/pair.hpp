@@ -3,8 +3,13 @@
 // component; and two more if background topics run in another process.
 #pragma once
 
+#include "agent/agent.hpp"
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+
+namespace ontime::security {
+class Authority;
+}
 
 namespace ontime::campaign {
 
@@ -29,13 +34,13 @@ class Pair {
   bool over() const;                                          // it has finished, or cannot finish
   bool overdue(std::chrono::steady_clock::time_point) const;  // past that time, without new samples
   void end();
-  // For the record, with what each of its ends' machines did.
-  nlohmann::json outcome(const Machines::Account&) const;
+  // For the record: what is known of a run that failed; and after end(), what each end and its machine did.
+  record::Outcome outcome() const;
+  record::Outcome outcome(const Machines::Account&) const;
 
   const Run& run() const { return run_; }
   std::int64_t number() const { return number_; }
   const roundtrip::Counters& counters() const { return counters_; }
-  std::optional<nlohmann::json> finished() const { return finished_; }
   // While it measures: whether the server was lost and must be restarted; adds a note then.
   bool component_is_gone(const std::string& why);
   bool lacks_component() const { return gone_.has_value(); }  // from then on, until restart_component()
@@ -50,7 +55,7 @@ class Pair {
   struct End {
     std::string host, role;
     std::unique_ptr<Hand> agent;
-    nlohmann::json opened, ended;
+    record::Host opened, ended;
     bool again = false;  // restarted while the client measured
   };
   End open(const std::string& host, agent::Task);
@@ -77,7 +82,7 @@ class Pair {
   bool measuring_ = false;
   std::optional<Clock::time_point> gone_;  // when its component was found to be gone
   roundtrip::Counters counters_;
-  std::optional<nlohmann::json> finished_;
+  bool finished_ = false;
 };
 
 // The server's part of a run.

@@ -7,12 +7,11 @@
 
 #include <fmt/format.h>
 
+#include "agent/agent.hpp"
 #include "campaign/pair.hpp"
 
 namespace ontime::campaign {
 namespace {
-
-using nlohmann::json;
 
 // The thread that polls, if it does so at a priority above every ordinary thread.
 const realtime::ThreadSettings* poller_of(const agent::Task& task) {
@@ -25,18 +24,16 @@ const realtime::ThreadSettings* poller_of(const agent::Task& task) {
   return is_above_all ? &thread->second : nullptr;
 }
 
-bool is_throttled(const json& machine, const settings::Wishes& kernel) {
+bool is_throttled(const record::Machine& machine, const settings::Wishes& kernel) {
   if (const auto wish = kernel.find("rt-throttling"); wish != kernel.end()) return wish->second != "off";
-  const auto runtime = machine.value("rt_runtime_us", json());
-  return !runtime.is_number() || runtime >= 0;
+  return machine.rt_runtime_us.value_or(0) >= 0;
 }
 
 }  // namespace
 
-std::string why_refused(const json& machine, bool throttled,
+std::string why_refused(std::optional<std::int64_t> cpus, bool throttled,
                         const std::vector<std::vector<int>>& cpus_of_threads) {
-  const auto cpus = machine.value("cpu_count", json());
-  if (throttled || !cpus.is_number_integer()) return "";
+  if (throttled || !cpus) return "";
   std::set<int> taken;
   std::size_t pinned = 0, on_any = 0;
   for (const auto& own : cpus_of_threads)
@@ -47,17 +44,17 @@ std::string why_refused(const json& machine, bool throttled,
       taken.insert(own.begin(), own.end());
     }
   // A thread takes one CPU at a time, however many it may use.
-  if (std::min(taken.size(), pinned) + on_any < cpus.get<std::size_t>()) return "";
+  if (std::min(taken.size(), pinned) + on_any < static_cast<std::size_t>(*cpus)) return "";
   return fmt::format(
       "busy-poll: {} real-time threads never sleep, on {} CPUs, without real-time throttling. Nothing else "
       "could run. Fix: leave a CPU free (realtime.receive.cpus), poll at one end, or set "
       "kernel.rt-throttling: on",
-      cpus_of_threads.size(), cpus.get<std::size_t>());
+      cpus_of_threads.size(), *cpus);
 }
 
 void check_pollers(const Together& runs, const Machines& machines) {
   struct Polled {
-    const json& machine;
+    const record::Machine& machine;
     std::string host;
     std::vector<std::vector<int>> cpus{};
   };
@@ -66,7 +63,7 @@ void check_pollers(const Together& runs, const Machines& machines) {
     const auto* const thread = poller_of(task);
     if (thread == nullptr) return;
     const auto& machine = machines.machine(host);
-    by_boot.try_emplace(machine.value("boot_id", host), Polled{machine, host})
+    by_boot.try_emplace(machine.boot_id.empty() ? host : machine.boot_id, Polled{machine, host})
         .first->second.cpus.push_back(thread->cpus);
   };
   const auto& run = runs.front();
@@ -75,7 +72,8 @@ void check_pollers(const Together& runs, const Machines& machines) {
   if (machines.hosts().kind != Hosts::Kind::alone)
     for (const auto& one : runs) look(server_task(one, {}), one.component);
   for (const auto& [boot, polled] : by_boot)
-    if (const auto why = why_refused(polled.machine, is_throttled(polled.machine, run.kernel), polled.cpus);
+    if (const auto why =
+            why_refused(polled.machine.cpu_count, is_throttled(polled.machine, run.kernel), polled.cpus);
         !why.empty())
       throw Error(2, fmt::format("on the {}, {}", polled.host, why));
 }

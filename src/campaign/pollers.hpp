@@ -10,8 +10,9 @@
 
 namespace ontime::campaign {
 
-// Why these threads are refused on a machine, from the CPUs of each (empty: any); "": they are not.
-std::string why_refused(const nlohmann::json& machine, bool throttled,
+// Why these threads are refused on a machine with that many CPUs (nothing: unknown), from the CPUs of each
+// (empty: any); "": they are not.
+std::string why_refused(std::optional<std::int64_t> cpus, bool throttled,
                         const std::vector<std::vector<int>>& cpus_of_threads);
 
 // Throws Error{2}.

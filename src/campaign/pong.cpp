@@ -8,6 +8,7 @@
 #include <set>
 #include <utility>
 
+#include "agent/agent.hpp"
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
 #include "campaign/pair.hpp"
@@ -52,9 +53,9 @@ class Ping {
     for (const auto* chosen : {&next_, &after_a_gap_})
       if (std::ranges::count(*chosen, message, &Chosen::message) > 0) windows_[message] = window;
   }
-  json windows() const {
-    auto all = json::array();
-    for (const auto& [message, window] : windows_) all.push_back(trace::to_json(window));
+  std::vector<trace::Window> windows() const {
+    std::vector<trace::Window> all;
+    for (const auto& [message, window] : windows_) all.push_back(window);
     return all;
   }
 
@@ -99,12 +100,10 @@ class Traced {
   bool all_came() const { return asked_.empty(); }
 
   // What is known now. It asks no other process, which may be gone.
-  json account() const {
-    auto pings = json::array();
-    for (const auto& ping : pings_) pings.push_back(ping.windows());
-    return {{"pings", pings},
-            {"trace", machines_.how_traced("component").at("controller")},
-            {"machine", machines_.machine("controller")}};
+  void tell(Served& served) const {
+    for (const auto& ping : pings_) served.pings.push_back(ping.windows());
+    served.outcome.trace = {{"component", find(machines_.how_traced("component"), "controller")}};
+    served.outcome.hosts["component"].machine = machines_.machine("controller");
   }
   void close() { machines_.close(); }
 
@@ -146,14 +145,12 @@ class Traced {
 }  // namespace
 
 int pong(const Run& run, Observer& observer, Interrupts& interrupts,
-         const std::function<void(const json&)>& told, json& closed) {
+         const std::function<void(const record::Host&)>& told, Served& served) {
   orders::Coordinator coordinator(interrupts);
   std::optional<Traced> traced;
-  json threads;
+  auto& component = served.outcome.hosts["component"];
   const auto keep = [&] {
-    if (threads.is_null()) return;
-    closed.update(traced->account());
-    if (!closed.contains("threads")) closed["threads"] = threads;
+    if (!component.threads.empty()) traced->tell(served);
   };
   try {
     if (run.explain) traced.emplace(coordinator, observer);
@@ -163,11 +160,15 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
     if (run.task.config.max_payload_bytes == 0 &&
         !is_below_ip(run.task.transport))  // whose link's MTU says it
       task.config.max_payload_bytes = pong_max_payload_bytes;
-    const auto opened = agent.ask("open", {{"task", agent::to_json(task)}}, "opened", patience);
+    const auto opened =
+        record::read<record::Host>(agent.ask("open", {{"task", agent::to_json(task)}}, "opened", patience));
     agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
     agent.ask("start", {{"wait_ns", 0}, {"note_answers", run.explain}}, "ready", patience);
     // Windows need the threads of the server; they are read now, in case it does not end in order.
-    if (traced) threads = agent.ask("end", json::object(), "ended", patience).at("threads");
+    const auto ended = [&](int tolerated) {
+      return record::read<record::Host>(agent.ask("end", json::object(), "ended", patience, tolerated));
+    };
+    if (traced) component = ended(0);
     told(opened);
     coordinator.until(
         [&] {
@@ -175,7 +176,9 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
           return interrupts > 0;
         },
         1);
-    closed = agent.ask("end", json::object(), "ended", patience, 1);
+    const auto end = ended(1);
+    served.answered = end.answered;
+    if (traced) component = end;
     if (traced) {
       const auto until = std::chrono::steady_clock::now() + patience;
       coordinator.until(

@@ -7,11 +7,12 @@
 #include "campaign/link.hpp"
 #include "campaign/pollers.hpp"
 #include "campaign/traffic.hpp"
+#include "record/record.hpp"
 
 namespace ontime::campaign {
 
 using namespace std::chrono_literals;
-using nlohmann::json;
+using record::Outcome;
 
 Session::Session(const Together& runs, const std::vector<std::int64_t>& numbers,
                  orders::Coordinator& coordinator, Machines& machines, record::Writer& writer,
@@ -60,7 +61,7 @@ roundtrip::Counters Session::counters() const {
   return sum;
 }
 
-std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
+std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   check_pollers(runs_, machines_);
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
@@ -155,42 +156,39 @@ void Session::await_background() {
   coordinator_.until([&] { return Clock::now() > until; }, 1);
 }
 
-std::vector<json> Session::outcomes() {
+std::vector<Outcome> Session::outcomes() {
   await_windows();
   await_background();
   for (auto& pair : pairs_) pair->end();
   auto account = machines_.end();
   machines_.unload();
   machines_.restore();
-  std::vector<json> outcomes;
+  std::vector<Outcome> outcomes;
   for (const auto& pair : pairs_) {
     const auto& run = pair->run();
     const auto whose = is_named(run) ? run.component + ": " : "";
     auto outcome = pair->outcome(account);
-    outcome["interrupted"] = stopped_;  // an interruption after the end of the run does not count
+    outcome.interrupted = stopped_;  // an interruption after the end of the run does not count
     if (run.traffic.bits_per_s > 0) {
-      outcome["traffic"] = achieved(run.traffic, account.traffic.at(run.component));
-      for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(whose + text);
+      outcome.traffic = achieved(run.traffic, account.traffic.at(run.component));
+      for (const auto& text : shortfalls(outcome.traffic)) observer_.note(whose + text);
     }
     if (run.task.background.topics > 0) {
-      outcome["neighbours"] = achieved(run.task.background, outcome,
-                                       stopped_ ? std::nullopt : std::optional(run.task.client.duration));
-      for (const auto& text : shortfalls_of_background(outcome.at("neighbours")))
-        observer_.note(whose + text);
+      outcome.background = achieved(run.task.background, outcome,
+                                    stopped_ ? std::nullopt : std::optional(run.task.client.duration));
+      for (const auto& text : shortfalls_of_background(outcome.background)) observer_.note(whose + text);
     }
-    if (!windows_.empty()) outcome["trace"] = machines_.how_traced(run.component);
-    if (const auto why = unproved(outcome, account.with_traffic[run.component]))
-      outcome["link_unproved"] = *why;
-    if (const auto elsewhere = went_elsewhere(outcome, run.task.client.payload_bytes))
-      outcome["error"] = whose + *elsewhere;
-    else if (run.task.config.launch_ns > 0)
-      if (const auto past = went_past_etf(outcome)) outcome["error"] = whose + *past;
+    if (!windows_.empty()) outcome.trace = machines_.how_traced(run.component);
+    outcome.link_unproved = unproved(outcome, account.with_traffic[run.component]);
+    auto error = went_elsewhere(outcome, run.task.client.payload_bytes);
+    if (!error && run.task.config.launch_ns > 0) error = went_past_etf(outcome);
+    if (error) outcome.error = whose + *error;
     outcomes.push_back(std::move(outcome));
   }
   return outcomes;
 }
 
-std::vector<json> Session::salvage() noexcept {
+std::vector<Outcome> Session::salvage() noexcept {
   try {
     coordinator_.drain();
     if (measuring_ && !std::ranges::all_of(pairs_, &Pair::over)) {
@@ -201,8 +199,8 @@ std::vector<json> Session::salvage() noexcept {
   } catch (const std::exception&) {       // the first error is the one to report
   } catch (const orders::Interrupted&) {  // a second interruption: leave at once
   }
-  std::vector<json> counted;
-  for (const auto& pair : pairs_) counted.push_back(pair->finished().value_or(json::object()));
+  std::vector<Outcome> counted;
+  for (const auto& pair : pairs_) counted.push_back(pair->outcome());
   return counted;
 }
 

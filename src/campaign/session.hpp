@@ -6,6 +6,7 @@
 #include "campaign/machines.hpp"
 #include "campaign/pair.hpp"
 #include "campaign/windows.hpp"
+#include "security/security.hpp"
 
 namespace ontime::campaign {
 
@@ -20,9 +21,9 @@ class Session {
 
   // Measures; returns the outcomes for the record, with "error" if the results are not valid. Throws Error or
   // Interrupted; what was measured until then is in the writer, and salvage() has the counters.
-  std::vector<nlohmann::json> measure(std::chrono::nanoseconds wait);
+  std::vector<record::Outcome> measure(std::chrono::nanoseconds wait);
   // After an error: the counters of each client that still answers.
-  std::vector<nlohmann::json> salvage() noexcept;
+  std::vector<record::Outcome> salvage() noexcept;
   roundtrip::Counters counters() const;  // of all runs together
   // Whether counted messages may have been sent, even if no sample has arrived.
   bool has_begun() const { return measuring_; }
@@ -32,7 +33,7 @@ class Session {
   void finish(std::chrono::nanoseconds patience);
   bool component_is_gone(const std::string& why);
   void restart_components();
-  std::vector<nlohmann::json> outcomes();
+  std::vector<record::Outcome> outcomes();
   void await_windows();
   void await_background();
   std::chrono::nanoseconds longest_timeout() const;

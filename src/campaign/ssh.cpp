@@ -103,12 +103,10 @@ std::string reason_of(const std::string& destination, const std::string& program
   return "";
 }
 
-std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link) {
-  if (link.is_null() || !link.at("shared").get<bool>()) return "";
-  if (link.at("interface").is_null())
-    return fmt::format("unknown whether ssh to the {} uses the link under test", host);
-  return fmt::format("ssh to the {} uses {}, which is or may be the link under test", host,
-                     link.at("interface").get<std::string>());
+std::string note_of_ssh_link(const std::string& host, const std::optional<record::SshLink>& link) {
+  if (!link || !link->shared) return "";
+  if (!link->interface) return fmt::format("unknown whether ssh to the {} uses the link under test", host);
+  return fmt::format("ssh to the {} uses {}, which is or may be the link under test", host, *link->interface);
 }
 
 Ssh::Ssh(std::string destination) : destination_(std::move(destination)), folder_(make_folder()) {}

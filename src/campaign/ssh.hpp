@@ -3,12 +3,12 @@
 // asks for a password, and switches off no check of ssh.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
-
 #include "orders/orders.hpp"
+#include "record/outcome.hpp"
 
 namespace ontime::campaign {
 
@@ -43,8 +43,7 @@ class Ssh {
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said);
 
-// A note for the record if ssh uses, or may use, the link under test, from an agent's ssh_link
-// (agent/agent.hpp); else "".
-std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link);
+// A note for the record if ssh uses, or may use, the link under test; else "".
+std::string note_of_ssh_link(const std::string& host, const std::optional<record::SshLink>&);
 
 }  // namespace ontime::campaign

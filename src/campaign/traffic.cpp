@@ -15,8 +15,9 @@ constexpr const char* to_controller = "to_controller";
 constexpr int first_port = 5201;  // iperf3's own, which firewalls know
 constexpr double enough = 0.95;   // of the requested rate
 
-json rate_of(const json& by_host, const char* host, const std::string& way) {
-  return by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
+std::optional<double> rate_of(const json& by_host, const char* host, const std::string& way) {
+  const auto rate = by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
+  return rate.is_number() ? std::optional(rate.get<double>()) : std::nullopt;
 }
 
 bool running(const json& by_host, const std::string& way) {
@@ -25,8 +26,8 @@ bool running(const json& by_host, const std::string& way) {
   return true;
 }
 
-std::string megabits(const json& bit_s) {
-  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : "unknown";
+std::string megabits(const std::optional<double>& bit_s) {
+  return bit_s ? fmt::format("{:.4g}", *bit_s / 1e6) : "unknown";
 }
 
 }  // namespace
@@ -61,33 +62,30 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
           .priority = traffic.priority};
 }
 
-json achieved(const Traffic& traffic, const json& by_host) {
-  auto all = json::object();
+record::ByName<record::TrafficSeen> achieved(const Traffic& traffic, const json& by_host) {
+  record::ByName<record::TrafficSeen> all;
   for (const auto& way : ways_of(traffic)) {
     const bool there = way == to_component;
-    const auto sent = rate_of(by_host, there ? "controller" : "component", way);
     const auto received = rate_of(by_host, there ? "component" : "controller", way);
     const bool still_there = running(by_host, way);
-    const bool is_enough =
-        still_there && received.is_number() && received >= enough * static_cast<double>(traffic.bits_per_s);
-    all[way] = {{"asked_bit_s", traffic.bits_per_s},
-                {"sent_bit_s", sent},
-                {"received_bit_s", received},
-                {"running", still_there},
-                {"short", !is_enough}};
+    all[way] = {.asked_bit_s = traffic.bits_per_s,
+                .sent_bit_s = rate_of(by_host, there ? "controller" : "component", way),
+                .received_bit_s = received,
+                .running = still_there,
+                .is_short = !still_there || !received ||
+                            *received < enough * static_cast<double>(traffic.bits_per_s)};
   }
   return all;
 }
 
-std::vector<std::string> shortfalls(const json& achieved) {
+std::vector<std::string> shortfalls(const record::ByName<record::TrafficSeen>& achieved) {
   std::vector<std::string> texts;
-  for (const auto& [way, rates] : achieved.items())
-    if (rates.at("short"))
-      texts.push_back(fmt::format("TRAFFIC SHORTFALL: {} of {} Mbit/s arrived at the {} ({} sent{})",
-                                  megabits(rates.at("received_bit_s")), megabits(rates.at("asked_bit_s")),
-                                  way == to_component ? "component" : "controller",
-                                  megabits(rates.at("sent_bit_s")),
-                                  rates.at("running") ? "" : "; iperf3 died before the end"));
+  for (const auto& [way, rates] : achieved)
+    if (rates.is_short == true)
+      texts.push_back(fmt::format(
+          "TRAFFIC SHORTFALL: {} of {} Mbit/s arrived at the {} ({} sent{})", megabits(rates.received_bit_s),
+          megabits(rates.asked_bit_s), way == to_component ? "component" : "controller",
+          megabits(rates.sent_bit_s), rates.running ? "" : "; iperf3 died before the end"));
   return texts;
 }
 

@@ -7,6 +7,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "background/background.hpp"
 #include "campaign/campaign.hpp"
 
 namespace ontime::campaign {
@@ -18,11 +19,9 @@ std::vector<int> ports_of(const Together&);
 // The stream at one of the two ends: the controller, or that component.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
-// From what both keepers report, `by_host` controller and component, for each direction {asked_bit_s,
-// sent_bit_s, received_bit_s, running, short}; null: unknown. `short`: less than 95 % of the requested rate
-// arrived, the rate is unknown, or iperf3 died.
-nlohmann::json achieved(const Traffic&, const nlohmann::json& by_host);
+// For each direction, from what both keepers report, `by_host` controller and component.
+record::ByName<record::TrafficSeen> achieved(const Traffic&, const nlohmann::json& by_host);
 // A text for each direction that fell short, for people.
-std::vector<std::string> shortfalls(const nlohmann::json& achieved);
+std::vector<std::string> shortfalls(const record::ByName<record::TrafficSeen>& achieved);
 
 }  // namespace ontime::campaign

@@ -203,7 +203,8 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked& asked, const record:
         if (bytes > 0 && workers > 1)
           all.push_back({name, kind, bytes, bytes / static_cast<std::uint64_t>(workers), workers});
     // A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
-    const auto& [requested, seen] = host.load.value_or(record::GivenLoad());
+    const auto given = host.load.value_or(record::GivenLoad());
+    const auto &requested = given.hdd_bytes, &seen = given.hdd_file_bytes;
     if (requested && seen && *seen < *requested / 2) all.push_back({name, "hdd", *requested, *seen, 0});
   }
   return all;

@@ -49,17 +49,12 @@ std::vector<std::string> Isolated::beside() const {
   return isolation_ ? isolation_->beside() : std::vector<std::string>{};
 }
 
-json Isolated::now() const {
-  auto all = json::object();
+std::map<std::string, std::vector<record::Applied>> Isolated::now() const {
+  std::map<std::string, std::vector<record::Applied>> all;
   for (const auto& [host, its] : hosts_) {
-    auto things = to_json(its.changes, its.link);
+    auto& things = all[host] = applied(its.changes, its.link);
     for (const auto& one : isolation_->state())
-      things.push_back({{"setting", one.setting},
-                        {"thing", one.thing},
-                        {"before", one.before},
-                        {"after", one.after},
-                        {"now", one.now}});
-    all[host] = std::move(things);
+      things.push_back({one.setting, one.thing, one.before, one.after, one.now});
   }
   return all;
 }

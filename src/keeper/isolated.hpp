@@ -22,7 +22,8 @@ class Isolated {
   nlohmann::json keep(pid_t);                         // the answer to "keep"
   // The control groups for load and traffic.
   std::vector<std::string> beside() const;
-  nlohmann::json now() const;  // by host, with what each thing is at this moment
+  // By host, with what each thing is at this moment.
+  std::map<std::string, std::vector<record::Applied>> now() const;
   std::vector<std::string> take_back();
 
  private:

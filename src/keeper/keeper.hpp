@@ -11,7 +11,7 @@
 //                         {place, interface, address, port: of the controller's bridge, "" without a
 //                         bridge}; cable: null, or the names of two interfaces that join the controller
 //                         and its one component; wire: null, or {bits_per_s, vlan}
-//   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error,
+//   tune   {host, link, wishes}  tuned {}: all settings are applied to a host, until restore; or {error,
 //                         refused: the setting that this machine cannot have}, and nothing is changed;
 //                         without `refused` the error is not about a setting
 //   look   {link, wishes} looked {interface: "" where it is not known, network_namespace, cannot: "NAME: why"
@@ -22,9 +22,8 @@
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the reserved CPUs
 //   restore {}            restored {notes}: what could not be restored
-//   load   {host, load}   loaded {given {vm_bytes, vm_mapped_bytes, hdd_bytes}, scaled}, or {error}:
-//   stress-ng
-//                         for a host of that name, until unload; `scaled`: for people, "" as a rule
+//   load   {host, load}   loaded {scaled}, or {error}: stress-ng for a host of that name, until unload;
+//                         `scaled`: for people, "" as a rule
 //   check  {faults}       checked {}, or {error}: the fault that this kernel lacks
 //   link   {host, network_namespace, interface, faults, traffic_ports, by_ip}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
@@ -37,12 +36,10 @@
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as possible
 //   unload {}             unloaded {notes}: what of the load could not be removed
 //   begin  {}             begun {}: "during the run" is from here on
-//   end    {}             ended {conditions, load_running {host: bool}, hdd_file_bytes {host: …}, traffic
-//   {host: {way: …}},
-//                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]},
-//                         isolation {host: [{setting, thing, before, after, now}]},
-//                         machine}: what was set, and what it is at this moment; the machine as it was at
-//                         begin, but its clock as it is now, with moved_ns: how far it was set since
+//   end    {}             ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
+//                         machine}: a record::Activity; for each host with them a record::Host's load,
+//                         settings and reserved CPUs at this moment; record::Links; and the machine as it
+//                         was at begin, but its clock as it is now, with moved_ns: how far it was set since
 //   close  {}             closed {notes}: what could not be restored
 #pragma once
 
@@ -50,21 +47,25 @@
 
 #include <nlohmann/json.hpp>
 
-#include "background/background.hpp"
 #include "conditions/conditions.hpp"
-#include "isolation/isolation.hpp"
-#include "journal/journal.hpp"
+
+namespace ontime::background {
+struct Stream;
+}
+namespace ontime::journal {
+struct Kind;
+}
 
 namespace ontime::keeper {
 
-nlohmann::json to_json(const background::Workers&);
-background::Workers workers_of(const nlohmann::json&);
+nlohmann::json to_json(const conditions::Workers&);
+conditions::Workers workers_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Stream&);
 background::Stream stream_of(const nlohmann::json&);
-nlohmann::json to_json(const isolation::Wish&);
-isolation::Wish wish_of(const nlohmann::json&);
-nlohmann::json to_json(const background::Faults&);
-background::Faults faults_of(const nlohmann::json&);
+nlohmann::json to_json(const conditions::Isolation&);
+conditions::Isolation wish_of(const nlohmann::json&);
+nlohmann::json to_json(const conditions::Faults&);
+conditions::Faults faults_of(const nlohmann::json&);
 
 // The journal kinds of all modules: everything that ontime changes on a machine.
 std::span<const journal::Kind> kinds();

@@ -49,32 +49,31 @@ void Links::begin() {
 json Links::end() const {
   auto account = json::object();
   for (const auto& [host, counted] : links_) {
+    record::Link link;
     try {
-      account[host] = account_of(counted.before, counted.link->counts());
-      if (!counted.by_ip) account[host].erase("beside_traffic");
+      link = account_of(counted.before, counted.link->counts());
+      if (!counted.by_ip) link.beside_traffic.reset();
     } catch (const background::Error& error) {
-      account[host] = {{"gone", error.what()}};
+      link.gone = error.what();
     }
+    account[host] = record::to_json(link);
   }
   return account;
 }
 
-json account_of(const background::Link::Counts& before, const background::Link::Counts& now) {
+record::Link account_of(const background::Link::Counts& before, const background::Link::Counts& now) {
   const auto since = [](std::uint64_t then, std::uint64_t count) {
     if (count < then) throw background::Error("the link's counters were reset");
     return count - then;
   };
-  json account{{"faults",
-                {{"lost_frames", since(before.lost, now.lost)},
-                 {"cut_off_frames", since(before.cut_off, now.cut_off)},
-                 {"duplicated_frames", since(before.duplicated, now.duplicated)}}},
-               {"beside_traffic",
-                {{"sent_bytes", since(before.sent_bytes, now.sent_bytes)},
-                 {"received_bytes", since(before.received_bytes, now.received_bytes)}}}};
+  record::Link link;
+  link.faults = {since(before.lost, now.lost), since(before.cut_off, now.cut_off),
+                 since(before.duplicated, now.duplicated)};
+  link.beside_traffic = {since(before.sent_bytes, now.sent_bytes),
+                         since(before.received_bytes, now.received_bytes)};
   if (before.etf && now.etf)
-    account["etf"] = {{"launched_frames", since(before.etf->launched, now.etf->launched)},
-                      {"dropped_frames", since(before.etf->dropped, now.etf->dropped)}};
-  return account;
+    link.etf = {since(before.etf->launched, now.etf->launched), since(before.etf->dropped, now.etf->dropped)};
+  return link;
 }
 
 }  // namespace ontime::keeper

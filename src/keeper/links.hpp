@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
+#include "record/outcome.hpp"
 
 namespace ontime::keeper {
 
@@ -27,9 +28,7 @@ class Links {
   using Told = std::function<void(const std::string& host, std::chrono::nanoseconds at)>;
   std::chrono::milliseconds go_on(const Told&);
   void begin();  // the account is opened
-  // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
-  // received_bytes} where messages go by IP}, or {gone: why the counters are lost and the faults not
-  // verified}.
+  // By host a record::Link: faults, etf, and beside_traffic where messages go by IP; or why they are gone.
   nlohmann::json end() const;
 
  private:
@@ -46,6 +45,6 @@ class Links {
 };
 
 // What was counted between two moments. Throws background::Error if the counters were set back.
-nlohmann::json account_of(const background::Link::Counts& before, const background::Link::Counts& now);
+record::Link account_of(const background::Link::Counts& before, const background::Link::Counts& now);
 
 }  // namespace ontime::keeper

@@ -111,12 +111,9 @@ class Keeper final : public orders::Worker {
       events_.tell("begun");
     } else if (order == "end") {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
-                             {"load_running", load_running()},
-                             {"hdd_file_bytes", hdd_file_bytes()},
+                             {"hosts", hosts()},
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
-                             {"kernel", tuned_.now()},
-                             {"isolation", isolated_.now()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       told_ = end_all();
@@ -129,7 +126,8 @@ class Keeper final : public orders::Worker {
 
   std::chrono::milliseconds go_on() override {
     flows_.listen();
-    hdd_file_bytes();
+    for (const auto& [host, load] : loads_)
+      if (writes(load)) load.running->hdd_bytes();
     if (unloading_) return go_on_unloading();
     return std::min<std::chrono::milliseconds>(500ms, links_.go_on([this](const auto& host, auto at) {
       events_.tell("cut", {{"host", host}, {"at_ns", at.count()}});
@@ -155,8 +153,10 @@ class Keeper final : public orders::Worker {
   struct Load {
     std::string directory;
     std::unique_ptr<background::StressLoad> running{};
-    bool writes = false;  // it has hdd workers
+    record::GivenLoad given{};
   };
+
+  static bool writes(const Load& load) { return load.running && load.given.hdd_bytes; }
 
   void end_at_once() {
     recorder_.reset();
@@ -181,15 +181,17 @@ class Keeper final : public orders::Worker {
   }
 
   json trace() {
+    record::Traced traced;
     try {
       recorder_.reset();
       recorder_ = std::make_unique<trace::Recorder>(journal_);
-      return {{"missing", recorder_->missing()}};
+      traced.missing = recorder_->missing();
     } catch (const trace::Error& error) {
-      return {{"error", error.what()}};
+      traced.error = error.what();
     } catch (const journal::Error& error) {
-      return {{"error", error.what()}};
+      traced.error = error.what();
     }
+    return record::to_json(traced);
   }
 
   // Each window in a frame of its own, none of which is too long then.
@@ -208,13 +210,13 @@ class Keeper final : public orders::Worker {
     load.directory = journal::add_directory(journal_, "stress");
     if (is_first) room_ = background::room_for(load.directory);
     const auto fitted = background::fit(workers, room_);
-    load.writes = workers.hdd > 0;
     load.running = background::stress(fitted.workers, load.directory, isolated_.beside());
-    auto given = json::object();
-    if (workers.vm > 0)
-      given = {{"vm_bytes", fitted.workers.vm_bytes}, {"vm_mapped_bytes", load.running->vm_bytes()}};
-    if (workers.hdd > 0) given["hdd_bytes"] = fitted.workers.hdd_bytes;
-    return {{"given", given}, {"scaled", fitted.scaled}};
+    if (workers.vm > 0) {
+      load.given.vm_bytes = fitted.workers.vm_bytes;
+      load.given.vm_mapped_bytes = load.running->vm_bytes();
+    }
+    if (workers.hdd > 0) load.given.hdd_bytes = fitted.workers.hdd_bytes;
+    return {{"scaled", fitted.scaled}};
   }
 
   // An error of this machine (a missing program, no permission) becomes the answer: the run fails, the keeper
@@ -256,18 +258,17 @@ class Keeper final : public orders::Worker {
     return 500ms;
   }
 
-  json load_running() {
-    auto running = json::object();
-    for (const auto& [host, load] : loads_) running[host] = load.running && load.running->running();
-    return running;
-  }
-
-  // By host, of those that have hdd workers.
-  json hdd_file_bytes() {
-    auto sizes = json::object();
-    for (const auto& [host, load] : loads_)
-      if (load.running && load.writes) sizes[host] = load.running->hdd_bytes();
-    return sizes;
+  // By host, what it has.
+  json hosts() {
+    record::ByName<record::Host> all;
+    for (const auto& [host, load] : loads_) {
+      all[host].load_running = load.running && load.running->running();
+      all[host].load = load.given;
+      if (writes(load)) all[host].load->hdd_file_bytes = load.running->hdd_bytes();
+    }
+    for (auto& [host, settings] : tuned_.now()) all[host].kernel = std::move(settings);
+    for (auto& [host, things] : isolated_.now()) all[host].isolation = std::move(things);
+    return record::to_json(all);
   }
 
   // As it was when the run began, but for the clock, which may have been set since then.

@@ -38,15 +38,13 @@ settings::Link link_of(const json& from) {
   return link;
 }
 
-json to_json(const std::vector<settings::Change>& changes, const settings::Link& link) {
-  auto all = json::array();
+std::vector<record::Applied> applied(const std::vector<settings::Change>& changes,
+                                     const settings::Link& link) {
+  std::vector<record::Applied> all;
   for (const auto& change : changes) {
     const auto now = settings::now(change, link);
-    all.push_back({{"setting", change.setting->name},
-                   {"thing", change.thing.title()},
-                   {"before", change.before},
-                   {"after", change.after},
-                   {"now", now ? json(*now) : json()}});
+    all.push_back({std::string(change.setting->name), change.thing.title(), change.before, change.after,
+                   now ? json(*now) : json()});
   }
   return all;
 }
@@ -70,9 +68,8 @@ json Tuned::apply(const json& order) {
     journal_.hold();  // first: while another ontime holds the machine, an error is not about settings
     const auto link = link_of(order.at("link"));
     auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
-    const auto told = to_json(changes, link);
     hosts_[order.at("host")] = {link, std::move(changes)};
-    return {{"settings", told}};
+    return json::object();
   } catch (const journal::Error& error) {
     return {{"error", fmt::format("kernel: {}", error.what())}};
   } catch (const machine::Error& error) {
@@ -83,9 +80,9 @@ json Tuned::apply(const json& order) {
   }
 }
 
-json Tuned::now() const {
-  auto all = json::object();
-  for (const auto& [host, tuned] : hosts_) all[host] = to_json(tuned.changes, tuned.link);
+std::map<std::string, std::vector<record::Applied>> Tuned::now() const {
+  std::map<std::string, std::vector<record::Applied>> all;
+  for (const auto& [host, tuned] : hosts_) all[host] = applied(tuned.changes, tuned.link);
   return all;
 }
 

@@ -8,6 +8,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "record/outcome.hpp"
 #include "settings/settings.hpp"
 
 namespace ontime::keeper {
@@ -15,7 +16,7 @@ namespace ontime::keeper {
 // The link of an order's {interface, network_namespace, peer, address}: the interface, else the interface on
 // the route to the peer, else the interface with the address.
 settings::Link link_of(const nlohmann::json&);
-nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Link&);
+std::vector<record::Applied> applied(const std::vector<settings::Change>&, const settings::Link&);
 // The order "look", and its answer.
 nlohmann::json look(const nlohmann::json& order);
 
@@ -31,7 +32,7 @@ class Tuned {
   // The order "tune", and its answer.
   nlohmann::json apply(const nlohmann::json& order);
   // By host, with the present value of each setting.
-  nlohmann::json now() const;
+  std::map<std::string, std::vector<record::Applied>> now() const;
   std::vector<std::string> take_back();
 
  private:

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // JSON of order parameters. It has the form of the record of a run, so it is converted by way of a Run.
+#include "background/background.hpp"
 #include "keeper/keeper.hpp"
 
 namespace ontime::keeper {
@@ -7,28 +8,28 @@ namespace ontime::keeper {
 using conditions::Run, conditions::run_of;
 using nlohmann::json;
 
-json to_json(const background::Workers& workers) {
+json to_json(const conditions::Workers& workers) {
   Run run;
   run.controller_load = workers;
   return conditions::to_json(run)["load"]["controller"];
 }
-background::Workers workers_of(const json& from) {
+conditions::Workers workers_of(const json& from) {
   return run_of({{"load", {{"controller", from}}}}).controller_load;
 }
 
-json to_json(const isolation::Wish& wish) {
+json to_json(const conditions::Isolation& wish) {
   Run run;
   run.isolation = wish;
   return conditions::to_json(run)["isolation"];
 }
-isolation::Wish wish_of(const json& from) { return run_of({{"isolation", from}}).isolation; }
+conditions::Isolation wish_of(const json& from) { return run_of({{"isolation", from}}).isolation; }
 
-json to_json(const background::Faults& faults) {
+json to_json(const conditions::Faults& faults) {
   Run run;
   run.faults = faults;
   return conditions::to_json(run)["link"];
 }
-background::Faults faults_of(const json& from) { return run_of({{"link", from}}).faults; }
+conditions::Faults faults_of(const json& from) { return run_of({{"link", from}}).faults; }
 
 json to_json(const background::Stream& stream) {
   return {{"place", stream.place},         {"serves", stream.serves},

@@ -92,15 +92,53 @@ struct Reading {
     if constexpr (requires { into.document; }) into.document = from;
     if (!from.is_object()) return from.is_null() ? Misfit() : "";
     Misfit first;
-    Struct::fields(into,
-                   [&](const char* name, auto& member) { note(first, name, read(at(from, name), member)); });
+    Struct::fields(into, [&](const char* name, auto& member, auto...) {
+      note(first, name, read(at(from, name), member));
+    });
     return first;
+  }
+};
+
+template <typename Value>
+concept Struct = requires(const Value& of) {
+  Value::fields(of, [](auto&&...) {});
+};
+
+struct Writing {
+  static json write(const auto& plain) { return plain; }
+  template <typename Value>
+  static json write(const std::optional<Value>& value) {
+    return value ? write(*value) : json();
+  }
+  template <typename Value>
+  static json write(const std::vector<Value>& values) {
+    auto to = json::array();
+    for (const auto& value : values) to.push_back(write(value));
+    return to;
+  }
+  template <typename Value>
+  static json write(const ByName<Value>& values) {
+    auto to = json::object();
+    for (const auto& [name, value] : values) to[name] = write(value);
+    return to;
+  }
+  template <Struct Value>
+  static json write(const Value& from) {
+    if constexpr (requires { from.document; })
+      if (!from.document.is_null()) return from.document;
+    auto to = json::object();
+    Value::fields(from, [&](const char* name, const auto& member, Written written) {
+      auto value = write(member);
+      const bool is_default = written != always && value == write(std::remove_cvref_t<decltype(member)>());
+      if (!is_default || written == or_null) to[name] = is_default ? json() : std::move(value);
+    });
+    return to;
   }
 };
 
 }  // namespace
 
-Outcome::Outcome(json from) { misfit = Reading::read(from, *this); }
+Outcome::Outcome(json from) : has_counters(true) { misfit = Reading::read(from, *this); }
 
 Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
   misfit = Reading::read(from, *this);
@@ -123,11 +161,27 @@ std::string misfit_of(const Asked& asked, const Outcome& outcome) {
   return "";
 }
 
-Host host_of(const json& from) {
-  Host host;
-  Reading::read(from, host);
-  return host;
+template <typename Value>
+json to_json(const Value& value) {
+  return Writing::write(value);
 }
+template <typename Value>
+Value read(const json& from) {
+  Value value;
+  Reading::read(from, value);
+  return value;
+}
+template json to_json(const Outcome&);
+template json to_json(const Host&);
+template Host read(const json&);
+template Machine read(const json&);
+template Activity read(const json&);
+template Drops read(const json&);
+template json to_json(const Link&);
+template Link read(const json&);
+template json to_json(const ByName<Host>&);
+template json to_json(const Traced&);
+template Traced read(const json&);
 
 bool on_one_machine(const Outcome& outcome) {
   const auto& one = find(outcome.hosts, "controller").machine.boot_id;

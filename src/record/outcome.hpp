@@ -2,7 +2,7 @@
 // A run's record: what was requested, and the outcome without the samples. Parsed once, when a run is read. A
 // record may be of another program or damaged: what is missing or of another kind is nothing, 0 or empty, and
 // `misfit` names the first of another kind. Plain data. Each struct lists its fields once, by the names that
-// records have for them.
+// records have for them: for reading and for writing. A struct that was read is written as its `document`.
 #pragma once
 
 #include <cstdint>
@@ -32,11 +32,15 @@ const Value& find(const ByName<Value>& all, std::string_view name) {
 inline constexpr const char* both_hosts[] = {"controller", "component"};
 inline constexpr const char* both_ways[] = {"to_component", "to_controller"};
 
-// Calls field(name, member) for each pair of these.
-template <typename Field, typename... Rest>
+// How a member with its default value is written: as it is, as null, or not at all.
+enum class Written { always, or_null, if_set };
+using enum Written;
+
+// Calls field(name, member, written) for each pair of these.
+template <Written written = always, typename Field, typename... Rest>
 void each(Field& field, const char* name, auto& member, Rest&... rest) {
-  field(name, member);
-  if constexpr (sizeof...(rest) > 0) each(field, rest...);
+  field(name, member, written);
+  if constexpr (sizeof...(rest) > 0) each<written>(field, rest...);
 }
 
 struct Clock {
@@ -54,12 +58,13 @@ struct Machine {
   nlohmann::json document;  // everything that the host reported
   std::string boot_id, kernel_release;
   std::optional<std::string> simulated;  // by what
-  std::optional<std::int64_t> rt_runtime_us, rt_period_us;
+  std::optional<std::int64_t> cpu_count, rt_runtime_us, rt_period_us;
   Clock clock;
 
   static void fields(auto& of, auto&& field) {
     each(field, "boot_id", of.boot_id, "kernel_release", of.kernel_release, "simulated", of.simulated,
-         "rt_runtime_us", of.rt_runtime_us, "rt_period_us", of.rt_period_us, "clock", of.clock);
+         "cpu_count", of.cpu_count, "rt_runtime_us", of.rt_runtime_us, "rt_period_us", of.rt_period_us,
+         "clock", of.clock);
   }
 };
 
@@ -70,7 +75,8 @@ struct Thread {
   std::optional<std::int64_t> priority;
   std::string cpus;
   std::optional<std::int64_t> minor_faults, major_faults, voluntary_switches, involuntary_switches;
-  std::optional<double> cpu_time_us, instructions;
+  std::optional<double> cpu_time_us;
+  std::optional<std::uint64_t> instructions;
   bool is_of_background_topics() const {
     return role.starts_with("background ") || role.starts_with("neighbours ");  // its earlier name
   }
@@ -95,17 +101,18 @@ struct Refusal {
 // A setting of a machine: as it was applied, and as it was at the end.
 struct Applied {
   std::string setting, thing;
-  nlohmann::json after, now;
+  nlohmann::json before, after, now;
   bool lasted() const { return now == after; }
 
   static void fields(auto& of, auto&& field) {
-    each(field, "setting", of.setting, "thing", of.thing, "after", of.after, "now", of.now);
+    each(field, "setting", of.setting, "thing", of.thing, "before", of.before, "after", of.after, "now",
+         of.now);
   }
 };
 
-// What an end's own reader lost.
+// What an end's own reader lost; nothing: its middleware does not count it.
 struct Losses {
-  std::uint64_t on_the_way = 0, overwritten = 0;
+  std::optional<std::uint64_t> on_the_way, overwritten;
 
   static void fields(auto& of, auto&& field) {
     each(field, "on_the_way", of.on_the_way, "overwritten", of.overwritten);
@@ -114,6 +121,7 @@ struct Losses {
 
 // Where the kernel dropped packets.
 struct Drops {
+  nlohmann::json document;
   std::uint64_t own_sockets = 0, udp_receive = 0, udp_send = 0, fragments = 0, interface_received = 0,
                 interface_sent = 0, backlog = 0;
 
@@ -135,9 +143,20 @@ struct LinkFaults {
 
 // The queueing discipline that keeps a frame until its launch time.
 struct Etf {
-  std::uint64_t dropped_frames = 0;
+  std::uint64_t launched_frames = 0, dropped_frames = 0;
 
-  static void fields(auto& of, auto&& field) { field("dropped_frames", of.dropped_frames); }
+  static void fields(auto& of, auto&& field) {
+    each(field, "launched_frames", of.launched_frames, "dropped_frames", of.dropped_frames);
+  }
+};
+
+// What an interface carried, with all headers.
+struct Carried {
+  std::optional<std::uint64_t> sent_bytes, received_bytes;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "sent_bytes", of.sent_bytes, "received_bytes", of.received_bytes);
+  }
 };
 
 // The interface was down, or taken away, from then on, until then.
@@ -151,46 +170,62 @@ struct LinkDown {
 };
 
 struct Link {
-  std::string interface;
-  std::optional<std::uint64_t> sent_bytes, received_bytes;
+  std::string interface;  // empty: none was requested
+  std::optional<std::uint64_t> sent_bytes, received_bytes, sent_packets, received_packets;
   std::uint64_t bytes() const { return sent_bytes.value_or(0) + received_bytes.value_or(0); }
   std::optional<std::string> gone;  // why its faults are not verified
-  LinkFaults faults;
-  Etf etf;
+  // Of links that the keeper prepared:
+  std::optional<LinkFaults> faults;
+  std::optional<Etf> etf;
+  std::optional<Carried> beside_traffic;  // without ontime's own traffic
   std::vector<LinkDown> down;
 
   static void fields(auto& of, auto&& field) {
-    each(field, "interface", of.interface, "sent_bytes", of.sent_bytes, "received_bytes", of.received_bytes,
-         "gone", of.gone, "faults", of.faults, "etf", of.etf, "down", of.down);
+    each(field, "interface", of.interface, "down", of.down);
+    each<if_set>(field, "sent_bytes", of.sent_bytes, "received_bytes", of.received_bytes, "sent_packets",
+                 of.sent_packets, "received_packets", of.received_packets, "gone", of.gone, "faults",
+                 of.faults, "etf", of.etf, "beside_traffic", of.beside_traffic);
   }
+};
+
+// The interface of ssh at an end, and whether the messages use it too, or may.
+struct SshLink {
+  std::optional<std::string> interface;  // nothing: unknown
+  bool shared = false;
+
+  static void fields(auto& of, auto&& field) { each(field, "interface", of.interface, "shared", of.shared); }
 };
 
 struct Transport {
   std::string name, version;
-  ByName<std::string> facts;                  // those that are texts
-  std::optional<bool> nodes, shares_threads;  // as it declares itself; earlier records lack it
+  ByName<std::string> facts;  // those that are texts
+  // As it declares itself; earlier records lack it.
+  std::optional<bool> below_ip, past_the_kernel, nodes, shares_threads;
 
   static void fields(auto& of, auto&& field) {
-    each(field, "name", of.name, "version", of.version, "facts", of.facts, "nodes", of.nodes,
-         "shares_threads", of.shares_threads);
+    each(field, "name", of.name, "version", of.version, "facts", of.facts);
+    each<if_set>(field, "below_ip", of.below_ip, "past_the_kernel", of.past_the_kernel, "nodes", of.nodes,
+                 "shares_threads", of.shares_threads);
   }
 };
 
-// What an end sent on the background topics.
-struct BackgroundSent {
-  std::uint64_t payload_bytes = 0, sent = 0;
+// What an end counted on the background topics.
+struct BackgroundSent : roundtrip::BackgroundCounters {
+  std::uint64_t payload_bytes = 0;
 
   static void fields(auto& of, auto&& field) {
-    each(field, "payload_bytes", of.payload_bytes, "sent", of.sent);
+    each(field, "payload_bytes", of.payload_bytes, "sent", of.sent, "refused", of.refused, "skipped_cycles",
+         of.skipped_cycles, "received", of.received, "strays", of.strays, "overruns", of.overruns);
   }
 };
 
 // What each worker of a host's load was given, and the largest file seen of the hdd worker with the smallest.
 struct GivenLoad {
-  std::optional<std::uint64_t> hdd_bytes, hdd_file_bytes;
+  std::optional<std::uint64_t> vm_bytes, vm_mapped_bytes, hdd_bytes, hdd_file_bytes;
 
   static void fields(auto& of, auto&& field) {
-    each(field, "hdd_bytes", of.hdd_bytes, "hdd_file_bytes", of.hdd_file_bytes);
+    each<if_set>(field, "vm_bytes", of.vm_bytes, "vm_mapped_bytes", of.vm_mapped_bytes, "hdd_bytes",
+                 of.hdd_bytes, "hdd_file_bytes", of.hdd_file_bytes);
   }
 };
 
@@ -206,17 +241,25 @@ struct Host {
   Losses losses;
   Drops drops;
   Link link;
+  std::optional<SshLink> ssh_link;         // nothing: the coordinator does not reach it by ssh
+  std::vector<std::string> shared_memory;  // segments of its middleware
+  std::optional<std::uint64_t> answered;   // messages, as the component counted
+  bool started_again = false;              // counts since then
   BackgroundSent background;
 
   static void fields(auto& of, auto&& field) {
-    each(field, "machine", of.machine, "transport", of.transport, "threads", of.threads, "refusals",
-         of.refusals, "kernel", of.kernel, "isolation", of.isolation, "load_running", of.load_running, "load",
-         of.load, "losses", of.losses, "drops", of.drops, "link", of.link, "neighbours", of.background);
+    each(field, "transport", of.transport, "threads", of.threads, "refusals", of.refusals, "load_running",
+         of.load_running, "losses", of.losses, "drops", of.drops, "ssh_link", of.ssh_link, "shared_memory",
+         of.shared_memory, "answered", of.answered);
+    each<or_null>(field, "machine", of.machine, "link", of.link, "neighbours", of.background);
+    each<if_set>(field, "kernel", of.kernel, "isolation", of.isolation, "load", of.load, "started_again",
+                 of.started_again);
   }
 };
 
 // How busy a host was, and what became of its clock meanwhile.
 struct Activity {
+  nlohmann::json document;
   std::optional<double> cpu_busy, cpu_pressure, memory_pressure, io_pressure, cpu_stolen;  // shares
   std::optional<double> suspended_s, clock_moved_s, clock_slew_ppm;
 
@@ -229,12 +272,15 @@ struct Activity {
 
 // Concurrent traffic of one direction.
 struct TrafficSeen {
-  std::optional<double> asked_bit_s, sent_bit_s, received_bit_s;
+  std::optional<std::uint64_t> asked_bit_s;
+  std::optional<double> sent_bit_s, received_bit_s;
+  bool running = false;  // its iperf3, to the end
+  // Less than 95 % of the requested rate arrived, the rate is unknown, or iperf3 died.
   std::optional<bool> is_short;
 
   static void fields(auto& of, auto&& field) {
     each(field, "asked_bit_s", of.asked_bit_s, "sent_bit_s", of.sent_bit_s, "received_bit_s",
-         of.received_bit_s, "short", of.is_short);
+         of.received_bit_s, "running", of.running, "short", of.is_short);
   }
 };
 
@@ -255,7 +301,10 @@ struct Traced {
   std::string error;                 // empty: it was
   std::vector<std::string> missing;  // what it does not tell
 
-  static void fields(auto& of, auto&& field) { each(field, "error", of.error, "missing", of.missing); }
+  static void fields(auto& of, auto&& field) {
+    each<if_set>(field, "error", of.error);
+    if (of.error.empty()) each(field, "missing", of.missing);
+  }
 };
 
 // Of an imported run: how often each value was seen.
@@ -290,6 +339,7 @@ struct Outcome {
   bool loss_unknown = false;                 // of a robot's own messages: nothing tells what was lost
   bool unanswered = false;                   // the server never answered
   std::string refused_setting;               // that a host cannot have: "kernel.governor"; else empty
+  bool has_counters = false;                 // else they are unknown
   roundtrip::Counters counters;              // as the client counted
   ByName<Host> hosts;                        // "controller", "component"
   ByName<Activity> conditions;               // of the same
@@ -301,13 +351,16 @@ struct Outcome {
   std::optional<Causes> causes;  // empty: not counted
 
   static void fields(auto& of, auto&& field) {
-    for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member);
-    each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
-         of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
-         of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting, "hosts",
-         of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours", of.background,
-         "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram, "causes",
-         of.causes);
+    if (of.has_counters) {
+      for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member, always);
+      each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
+           of.counters.trailing_until_ns);
+    }
+    each(field, "interrupted", of.interrupted);
+    each<if_set>(field, "error", of.error, "unanswered", of.unanswered, "loss_unknown", of.loss_unknown,
+                 "refused_setting", of.refused_setting, "hosts", of.hosts, "conditions", of.conditions,
+                 "traffic", of.traffic, "neighbours", of.background, "link_unproved", of.link_unproved,
+                 "trace", of.trace, "histogram", of.histogram, "causes", of.causes);
   }
 };
 
@@ -357,7 +410,10 @@ struct Asked : conditions::Run {
 // The first member of a record with an invalid type: "outcome.late"; empty if all are valid.
 std::string misfit_of(const Asked&, const Outcome&);
 
-// An end's report before a run, in the same form.
-Host host_of(const nlohmann::json&);
+// The JSON form of each of these structs, in a record and in what agents and keepers report of them.
+template <typename Value>
+nlohmann::json to_json(const Value&);
+template <typename Value>
+Value read(const nlohmann::json&);
 
 }  // namespace ontime::record

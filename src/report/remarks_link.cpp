@@ -54,10 +54,11 @@ std::uint64_t background_bytes(const statistics::Summary& summary) {
 
 }  // namespace
 
-std::string losses_text(const Outcome& outcome, std::uint64_t record::Losses::*kind, const char* where) {
+std::string losses_text(const Outcome& outcome, std::optional<std::uint64_t> record::Losses::*kind,
+                        const char* where) {
   std::vector<std::string> parts;
   for (const auto* host : record::both_hosts)
-    if (const auto number = find(outcome.hosts, host).losses.*kind; number > 0)
+    if (const auto number = (find(outcome.hosts, host).losses.*kind).value_or(0); number > 0)
       parts.push_back(fmt::format("{} {} the {}", number, where, host));
   return join(parts, ", ");
 }
@@ -134,7 +135,7 @@ std::string link_faults_text(const Outcome& outcome) {
   std::vector<std::string> parts;
   for (const auto& [counter, what] : kinds)
     for (const auto* host : record::both_hosts)
-      if (const auto frames = find(outcome.hosts, host).link.faults.*counter; frames > 0)
+      if (const auto frames = find(outcome.hosts, host).link.faults.value_or(Faults()).*counter; frames > 0)
         parts.push_back(fmt::format(fmt::runtime(what), many(frames, "frame", "frames"), host));
   return join(parts, ", ");
 }
@@ -143,7 +144,8 @@ std::string link_faults_text(const Outcome& outcome) {
 std::string missed_launches_text(const Outcome& outcome) {
   std::vector<std::string> parts;
   for (const auto* host : record::both_hosts)
-    if (const auto frames = find(outcome.hosts, host).link.etf.dropped_frames; frames > 0)
+    if (const auto frames = find(outcome.hosts, host).link.etf.value_or(record::Etf()).dropped_frames;
+        frames > 0)
       parts.push_back(fmt::format("{} of the {}", many(frames, "frame", "frames"), host));
   return parts.empty() ? "" : fmt::format("etf dropped {}: launch time passed or missing", join(parts, ", "));
 }

@@ -64,7 +64,8 @@ std::vector<Remark> remarks_of(const statistics::Summary&);
 std::string remarks(const statistics::Summary&);  // in one text; empty without remarks
 // Remarks about the link's traffic and losses. An empty text: no remark.
 // "12 at the component, 3 at the controller": what each end's own reader lost.
-std::string losses_text(const record::Outcome&, std::uint64_t record::Losses::*kind, const char* where);
+std::string losses_text(const record::Outcome&, std::optional<std::uint64_t> record::Losses::*kind,
+                        const char* where);
 Remark traffic_remark(const record::Outcome&);
 Remark background_remark(const record::Outcome&);
 std::string drops_text(const record::Outcome&);

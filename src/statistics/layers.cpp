@@ -23,7 +23,8 @@ std::optional<double> round_trip(const Summary& summary) {
 }
 
 // The sum over all threads that serve messages, on all hosts, per message, times `unit`.
-Value a_message(std::optional<double> record::Thread::*value, double unit = 1) {
+template <typename Number>
+Value a_message(std::optional<Number> record::Thread::*value, double unit = 1) {
   return [=](const Summary& summary) -> std::optional<double> {
     double sum = 0;
     std::size_t threads = 0;
@@ -31,7 +32,7 @@ Value a_message(std::optional<double> record::Thread::*value, double unit = 1) {
       for (const auto& thread : host.threads) {
         if (thread.is_of_background_topics()) continue;
         if (!(thread.*value)) return {};
-        sum += *(thread.*value);
+        sum += static_cast<double>(*(thread.*value));
         ++threads;
       }
     if (threads == 0 || summary.sent == 0) return {};
