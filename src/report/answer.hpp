@@ -32,7 +32,7 @@ struct Answer {
     std::vector<std::int64_t> runs;    // their numbers in the file
     State state = State::ok;
     bool missed_requirement = false, open_requirement = false;  // of a repetition
-    std::uint64_t cycles = 0, missed = 0;  // all; those without an answer in time
+    std::uint64_t cycles = 0, missed = 0;                       // all; those without an answer in time
     // The longest that a cycle waited for its answer. `is_open`: no answer ended it.
     std::optional<double> worst_wait_ns;
     bool is_open = false;
