@@ -104,6 +104,8 @@ class Listening {
 
   int run() {
     const auto& interrupts = catch_interrupts();
+    Terminal terminal;
+    terminal.does(arguments_.is_in_processes() ? "setting probes" : "starting to listen");
     const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);
     auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
@@ -128,9 +130,11 @@ class Listening {
       if (budget_) budget_->keep(*sensor, explainer);
       // This copies all flows: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
-          (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
+          (now >= hand_over_at && (metrics || results || terminal.shows_progress())) ||
+          (results && results->is_full())) {
         hand_over_at = now + 1s;
         auto seen = wanted(sensor->findings());
+        terminal.waits(progress_of(seen));
         if (metrics) {
           counters_.add(seen);
           metrics->set(counters_.metrics());
@@ -139,6 +143,7 @@ class Listening {
       }
       if (!goes_on) break;
     }
+    terminal.does("ending");
     take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();
     add_unseen(findings);
@@ -162,6 +167,21 @@ class Listening {
   } catch (const listen::WrongInput&) {
     if (results) results->forget();
     throw;
+  }
+
+  // "3 topics, 1,234 messages, 4 s left".
+  std::string progress_of(const listen::Findings& findings) const {
+    std::set<std::string> topics;
+    std::uint64_t messages = 0;
+    for (const auto& flow : findings.flows) {
+      topics.insert(flow.topic);
+      messages += flow.messages;
+    }
+    const auto time = time_                       ? about(*time_ - listened()) + " left"
+                      : arguments_.is_recording() ? about(listened())
+                                                  : about(listened()) + "; Ctrl-C ends it";
+    return fmt::format("listening: {}, {}, {}", table::many(topics.size(), "topic", "topics"),
+                       table::many(messages, "message", "messages"), time);
   }
 
   bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }

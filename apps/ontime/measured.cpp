@@ -162,7 +162,7 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
-  terminal.clear_line();
+  terminal.does("judging the runs");
   auto summaries = statistics::summarise(measured.writer.reader());
   if (summaries.size() == measured.known) return measured.code;  // no run was measured
   Notes notes;
@@ -173,6 +173,7 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   keep(measured.writer, notes, terminal);
   const std::vector<statistics::Summary> fresh(
       summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());
+  terminal.does("drawing the page");
   try {
     terminal.note(fmt::format("results: {}; page: {}", measured.results,
                               write_page_beside(measured.results, measured.writer.reader(), summaries)));

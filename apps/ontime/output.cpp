@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "campaign/campaign.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 
@@ -101,6 +102,7 @@ Output::~Output() {
 }
 
 void Output::write(std::string_view whole) {
+  if (path_.empty()) clear_progress_line();
   const auto text = path_.empty() ? for_output(std::string(whole)) : std::string(whole);
   if (std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) fail(errno);
 }

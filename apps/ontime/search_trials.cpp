@@ -228,6 +228,7 @@ std::optional<search::Answer> Trials::measured(const search::Order& order,
   const auto before = last();
   const int code = campaign::execute(scenario, writer, places_.terminal, places_.interrupts, command_line());
   if (code == 130 || places_.interrupts > 0) return stop("interrupted", 130);
+  places_.terminal.does("judging the run");
   const auto number = last();
   if (number == before) throw Error(code == 0 ? 3 : code, "no run was measured");
   const auto run = writer.reader().runs(number).front();

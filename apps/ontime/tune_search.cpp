@@ -235,7 +235,6 @@ int Searched::show(const search::Links& links) const {
   const bool as_json = is_json_flag(arguments_.format);
   const auto& results = asked_.results;
   const auto reader = places_.writer.reader();
-  terminal.clear_line();
   const SearchReport report{
       problem_,
       outcome_,
