@@ -102,7 +102,7 @@ class Traced : public ::testing::Test {
     recorded(1);
     writer_.trace(1, {"controller", window});
     const auto reader = writer_.reader();
-    return why_of(reader, reader.runs().at(0), 0, 6);
+    return why_of(reader, reader.runs().at(0), "a.ontime", 0, 6);
   }
   std::string page(const record::Reader& reader) {
     return page::page_of(reader, statistics::summarise(reader), "r.ontime");
@@ -126,7 +126,7 @@ std::vector<json> bars_of(const json& drawing, const std::string& of) {
 
 TEST_F(Traced, ACulpritStandsOutOfWhatIsDrawn) {
   const auto reader = recorded(1);
-  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  const auto why = why_of(reader, reader.runs().at(0), "a.ontime", 0, 6);
   EXPECT_THAT(why.html, HasSubstr("1 late, 0 lost. "));
   EXPECT_THAT(why.html,
               HasSubstr("<b>1 of 1</b> pong&#39;s receive thread waited for a CPU while hog ran: 20.0 ms"));

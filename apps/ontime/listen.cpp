@@ -76,7 +76,8 @@ class Listening {
         time_(time_to_listen(arguments.time)),
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
-        output_(arguments.output) {
+        output_(arguments.output),
+        width_(arguments.output.empty() ? reading_columns() : std::string::npos) {
     if (arguments.is_recording() && time_)
       throw campaign::Error(2, "--for: a recording is always read to its end. Fix: remove --for");
     if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
@@ -270,7 +271,7 @@ class Listening {
       if (is_explained && !miss.why) continue;
       const auto why = miss.why.value_or(listen::Why{});
       if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process}).second)
-        output_.write(text_of(miss));
+        output_.write(text_of(miss, width_));
     }
     if (misses.size() > shown.size())
       output_.write(fmt::format("… and {} more late messages until {}\n", misses.size() - shown.size(),
@@ -350,7 +351,7 @@ class Listening {
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
-      output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
+      output_.write(wrapped_lines(arguments_.list ? way_of(flow) : text_of(flow, limits_), width_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (!arguments_.list && std::ranges::any_of(with_chains(findings).flows, [](const auto& flow) {
           return flow.not_judged + flow.lost_not_judged > 0;
@@ -425,6 +426,7 @@ class Listening {
   std::vector<listen::Miss> waiting_;              // for the events after them
   const bool as_json_;
   Output output_;
+  const std::size_t width_;  // of its lines
   // Start of counting messages and CPU time.
   std::chrono::system_clock::time_point counted_from_;
   std::chrono::steady_clock::time_point listens_since_;

@@ -12,6 +12,7 @@
 #include "explain/explain.hpp"
 #include "gate/gate.hpp"
 #include "search_report.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -27,6 +28,11 @@ constexpr auto pause = 5s;
 
 std::string text_of(const search::Order& order) {
   return fmt::format("search, trial {}, run {}: {}", order.trial, order.number, words_of(order.set));
+}
+
+// As results files have it, also those of earlier versions.
+std::string note_of(const search::Order& order) {
+  return table::replace_all(text_of(order), words_of({}), "nothing");
 }
 
 bool is_of_a_search(const record::Run& run) {
@@ -182,10 +188,10 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   if (known_.empty()) return {};
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
-  if (text != text_of(order) || run.asked.scenario != scenario.text)
+  if (text != note_of(order) || run.asked.scenario != scenario.text)
     throw Error(2, fmt::format("--resume: run {} of the results is '{}', but this version of ontime expects "
                                "'{}'. Use a new results file",
-                               run.number, text, text_of(order)));
+                               run.number, text, note_of(order)));
   return run;
 }
 
@@ -247,7 +253,7 @@ void Trials::note_run(std::int64_t number, const search::Order& order) {
                                      {about_note, subject_.run},
                                      {settings_note, subject_.settings}})
       writer.note(number, {kind, text, {}, {}});
-  writer.note(number, {run_note, text_of(order), {}, {}});
+  writer.note(number, {run_note, note_of(order), {}, {}});
   writer.flush();
   places_.counts(number);
 }

@@ -118,14 +118,16 @@ void Terminal::does(const std::string& what) {
   if (!interactive_) return;
   const std::lock_guard lock(line_mutex);
   doing_ = table::printable(what);
+  measures_ = false;
   doing_since_ = Clock::now();
   rewrite_line(doing());
 }
 
 std::string Terminal::doing() const {
   const auto seconds = std::chrono::floor<std::chrono::seconds>(Clock::now() - doing_since_).count();
-  return head() + (name_.empty() ? "" : "  ") + doing_ + " …" +
-         (seconds > 0 ? fmt::format(" {} s", seconds) : "");
+  const bool says_time = seconds >= 2;  // progress of messages comes each second
+  return head() + (name_.empty() ? "" : "  ") + doing_ + (measures_ && !says_time ? "" : " …") +
+         (says_time ? fmt::format(" {} s", seconds) : "");
 }
 
 void Terminal::expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind) {
@@ -155,8 +157,8 @@ Terminal::Seconds Terminal::left() const {
 // Before the first run has ended, nobody knows what runs take beyond the plan.
 std::string Terminal::head() const {
   if (runs_ < 2 || name_.empty()) return name_;
-  return fmt::format("[{}/{}, {}{}{} left] {}", number_, runs_, measured_ == 0 ? "at least " : "",
-                     about(left()), kind_of_time_, name_);
+  return fmt::format("[{}/{}, {}{}{} left] {}", number_, runs_, measured_ == 0 ? "≥ " : "", about(left()),
+                     kind_of_time_, name_);
 }
 
 void Terminal::begins(const campaign::Run& run) {
@@ -186,9 +188,10 @@ void Terminal::leaves_out(const campaign::Run& run) {
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
   const std::lock_guard lock(line_mutex);
-  doing_.clear();
-  rewrite_line(
-      fmt::format("{}  {:.0f}/{:g} s  {}", head(), seconds(elapsed), seconds(duration_), words(counters)));
+  doing_ = fmt::format("{:.0f}/{:g} s  {}", seconds(elapsed), seconds(duration_), words(counters));
+  measures_ = true;
+  doing_since_ = Clock::now();
+  rewrite_line(doing());
 }
 
 void Terminal::ends(const roundtrip::Counters& counters) {

@@ -43,7 +43,8 @@ class Terminal : public campaign::Observer {
   const bool interactive_;
   // Of all that follows: another thread rewrites the line.
   std::string name_;   // of the run; "": none is carried out
-  std::string doing_;  // "": the line shows something else
+  std::string doing_;  // or how far the messages are; "": the line shows something else
+  bool measures_ = false;
   Clock::time_point begun_, doing_since_;
   std::size_t runs_ = 1, number_ = 0;
   Seconds planned_{0}, planned_after_{0};  // for this run, and for all after it

@@ -23,6 +23,7 @@
 #include "search_report.hpp"
 #include "search_trials.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -52,9 +53,10 @@ campaign::Scenario scenario_of(const Arguments& arguments, const std::string& fi
   selection.set = set;
   auto scenario = campaign::read_scenario(file, selection);
   if (scenario.runs.size() != 1 || scenario.hosts.components.size() != 1)
-    throw Error(2, fmt::format("tune search: {} has {} runs and {} components, but a search needs one run "
-                               "between two hosts. Choose with --only and --transports, and leave out lists",
-                               arguments.scenario, scenario.runs.size(), scenario.hosts.components.size()));
+    throw Error(2, fmt::format("tune search: {} has {} and {}, but a search needs one run between two hosts. "
+                               "Choose with --only and --transports, and leave out lists",
+                               arguments.scenario, table::many(scenario.runs.size(), "run", "runs"),
+                               table::many(scenario.hosts.components.size(), "component", "components")));
   scenario.repeat = 1;
   return scenario;
 }

@@ -79,7 +79,8 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();
-  observer_.does("starting load and traffic");
+  if (run_.controller_load.any() || run_.component_load.any() || run_.traffic.any())
+    observer_.does("starting load and traffic");
   for (const auto& text : machines_.load(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"load-scaled", text, {}, {}});
   if (run_.explain) {
