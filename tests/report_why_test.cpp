@@ -186,7 +186,7 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   ASSERT_THAT(why.drawings, SizeIs(1));
   EXPECT_LE(why.drawings[0].dump().size(), most_of_a_drawing);
   EXPECT_EQ(count_of("<tr>", why.html), 1u + 20);
-  EXPECT_THAT(why.html, HasSubstr("more parts: see `ontime explain --message "));
+  EXPECT_THAT(why.html, HasSubstr("more parts: see `ontime explain a.ontime --only 1 --message "));
 }
 
 // As a foreign file may have it, too: on each CPU one of a long name after another.
@@ -223,7 +223,7 @@ TEST_F(Traced, PageHasAtMostSixtyDrawings) {
   EXPECT_EQ(figures, 60u);
   EXPECT_LE(figures * most_of_a_drawing, 1'500'000u);
   EXPECT_EQ(count_of("Its messages are not drawn", html), 10u);
-  EXPECT_THAT(html, HasSubstr("`ontime explain --run 70`"));
+  EXPECT_THAT(html, HasSubstr("`ontime explain r.ontime --only 70`"));
 }
 
 TEST_F(Traced, NoNameIsMarkup) {

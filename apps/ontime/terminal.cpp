@@ -154,7 +154,7 @@ Terminal::Seconds Terminal::left() const {
   return of_run + planned_after_ + beyond * static_cast<double>(runs_ - std::min(number_, runs_));
 }
 
-// Before the first run has ended, nobody knows what runs take beyond the plan.
+// Until the first run has ended, it is unknown what runs take beyond the plan.
 std::string Terminal::head() const {
   if (runs_ < 2 || name_.empty()) return name_;
   return fmt::format("[{}/{}, {}{}{} left] {}", number_, runs_, measured_ == 0 ? "≥ " : "", about(left()),

@@ -169,7 +169,7 @@ int show(const TuneArguments& arguments) {
                    {"cannot", state.cannot.empty() ? json() : json(state.cannot)}});
     text += labelled(state.setting->name,
                      (state.things.empty() ? "-" : printable(settings::values_that_keep(state))) +
-                         (state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")"),
+                         (state.cannot.empty() ? "" : " (" + printable(state.cannot) + ")"),
                      18, reading_columns());
   }
   if (json_asked)
