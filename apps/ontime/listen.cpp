@@ -286,9 +286,10 @@ class Listening {
       print_error(fmt::format("results: no run was added to {}: no message was seen", arguments_.results));
     else
       print_error(
-          fmt::format("results: added {} runs to {}, one per age and period of a flow{}. Next: ontime {} {}",
-                      results.runs(), arguments_.results, most_bytes_ ? ", with the worst late messages" : "",
-                      most_bytes_ ? "explain" : "report", table::shell_line({arguments_.results})));
+          fmt::format("results: added {} to {}, one per age and period of a flow{}. Next: ontime {} {}",
+                      table::many(results.runs(), "run", "runs"), arguments_.results,
+                      most_bytes_ ? ", with the worst late messages" : "", most_bytes_ ? "explain" : "report",
+                      table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {
@@ -356,7 +357,8 @@ class Listening {
     if (!arguments_.list && std::ranges::any_of(with_chains(findings).flows, [](const auto& flow) {
           return flow.not_judged + flow.lost_not_judged > 0;
         }))
-      output_.write("not judged: messages that ontime may have delayed while it set or removed probes\n");
+      output_.write(wrapped_lines(
+          "not judged: messages that ontime may have delayed while it set or removed probes", width_));
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)
