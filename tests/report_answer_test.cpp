@@ -296,6 +296,27 @@ TEST(Answer, WithoutResultsTheNextCommandMeasuresAgainAsBefore) {
                           "ontime ping --loopback --duration 1s --explain --payload 1kB --full"));
 }
 
+TEST(Answer, FailedPingIsNotSuggestedAgain) {
+  auto one = run(1, "ping", "udp", {});
+  amend(one.run.asked, "/scenario_file", "");
+  amend(one.run.asked, "/command_line", {"ontime", "ping", "--loopback"});
+  EXPECT_THAT(commands_of(answer_of({one}, {"", true})), Contains("ontime ping --loopback --full"));
+  const auto failed = summary(one.run.asked.document, {{"error", "not permitted"}}, 0);
+  EXPECT_THAT(commands_of(answer_of({failed}, {"", true})), IsEmpty());
+}
+
+TEST(Answer, ComparisonWithoutAPairIsNotSuggested) {
+  std::vector<Summary> runs = {run(1, "quiet", "udp", {}), run(2, "quiet", "udp", {}),
+                               run(3, "loud", "udp", {true, false}, 300)};
+  EXPECT_THAT(commands_of(answer_of({runs[0], runs[2]}, kept)),
+              Contains("ontime compare demo.ontime --from loud --to quiet"));
+  for (const auto& [place, variant] : {std::pair<std::size_t, const char*>{0, "100 B"}, {1, "2000 B"}}) {
+    amend(runs[place].run.asked, "/variant", variant);
+    runs[place].run.key += variant;
+  }
+  EXPECT_THAT(commands_of(answer_of(runs, kept)), Not(Contains(HasSubstr("ontime compare "))));
+}
+
 TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
   auto one = run(1, "a", "udp", {}, 1);
   one.sent = 1'000'000;

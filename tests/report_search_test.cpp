@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What became of background topics, and what searches found.
 #include "plot/plot.hpp"
+#include "report/answer.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
 
@@ -79,6 +80,15 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   EXPECT_EQ(searches[0].at("ended").at("value"), "400 Hz") << "in one of its repetitions";
   EXPECT_EQ(searches[0].at("ended").at("late"), 3);
   EXPECT_NEAR(searches[0].at("missed_below").get<double>(), 3.0 / 4000, 1e-5) << "the rule of three";
+}
+
+TEST(Searches, TheFirstScreenHasTheirResult) {
+  const Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0), step(2, "400 Hz", 3)};
+  EXPECT_THAT(report::answer_of(summaries, {}).sentence,
+              HasSubstr("Highest background.rate without a miss: 200 Hz."));
+  EXPECT_THAT(report::answer_of({summaries[2]}, {}).sentence, HasSubstr(": none (search not finished)."));
+  EXPECT_THAT(report::answer_of({summary(asked("a", "udp"), outcome())}, {}).sentence,
+              Not(HasSubstr("Highest")));
 }
 
 TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {

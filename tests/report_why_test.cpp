@@ -102,7 +102,7 @@ class Traced : public ::testing::Test {
     recorded(1);
     writer_.trace(1, {"controller", window});
     const auto reader = writer_.reader();
-    return why_of(reader, reader.runs().at(0), 0, 6);
+    return why_of(reader, reader.runs().at(0), "a.ontime", 0, 6);
   }
   std::string page(const record::Reader& reader) {
     return page::page_of(reader, statistics::summarise(reader), "r.ontime");
@@ -126,7 +126,7 @@ std::vector<json> bars_of(const json& drawing, const std::string& of) {
 
 TEST_F(Traced, ACulpritStandsOutOfWhatIsDrawn) {
   const auto reader = recorded(1);
-  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  const auto why = why_of(reader, reader.runs().at(0), "a.ontime", 0, 6);
   EXPECT_THAT(why.html, HasSubstr("1 late, 0 lost. "));
   EXPECT_THAT(why.html,
               HasSubstr("<b>1 of 1</b> pong&#39;s receive thread waited for a CPU while hog ran: 20.0 ms"));
@@ -186,7 +186,7 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   ASSERT_THAT(why.drawings, SizeIs(1));
   EXPECT_LE(why.drawings[0].dump().size(), most_of_a_drawing);
   EXPECT_EQ(count_of("<tr>", why.html), 1u + 20);
-  EXPECT_THAT(why.html, HasSubstr("more parts: see `ontime explain --message "));
+  EXPECT_THAT(why.html, HasSubstr("more parts: see `ontime explain a.ontime --only 1 --message "));
 }
 
 // As a foreign file may have it, too: on each CPU one of a long name after another.
@@ -223,7 +223,7 @@ TEST_F(Traced, PageHasAtMostSixtyDrawings) {
   EXPECT_EQ(figures, 60u);
   EXPECT_LE(figures * most_of_a_drawing, 1'500'000u);
   EXPECT_EQ(count_of("Its messages are not drawn", html), 10u);
-  EXPECT_THAT(html, HasSubstr("`ontime explain --run 70`"));
+  EXPECT_THAT(html, HasSubstr("`ontime explain r.ontime --only 70`"));
 }
 
 TEST_F(Traced, NoNameIsMarkup) {

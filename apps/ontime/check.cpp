@@ -20,6 +20,13 @@ using fitness::Finding;
 using fitness::Severity;
 using table::printable;
 
+// Not a command alone, which stays on its line, so that it can be copied.
+bool is_prose(const std::string& remedy) {
+  return remedy.find('\n') == remedy.npos &&
+         (remedy.find("; ") != remedy.npos || remedy.find(": ") != remedy.npos ||
+          remedy.find(", ") != remedy.npos);
+}
+
 std::string text_of(const Finding& finding, std::size_t columns) {
   const bool narrow = columns < fewest_for_two, fine = finding.severity == Severity::fine;
   const std::string mark = fine ? "" : fitness::word_of(finding.severity);
@@ -31,11 +38,9 @@ std::string text_of(const Finding& finding, std::size_t columns) {
   for (const auto& [label, words] : {std::pair{"should be", finding.should}, {"because", finding.why}})
     if (!words.empty())
       text += table::wrapped(fmt::format("{}: {}", label, printable(words)), columns, below);
-  // Commands are not wrapped, so that they can be copied.
-  auto lines = table::split(finding.remedy, '\n');
-  for (auto& line : lines) line = printable(line);
-  if (!finding.remedy.empty()) text += fmt::format("{}fix: {}\n", below, table::join(lines, "\n"));
-  return text;
+  if (finding.remedy.empty()) return text;
+  const auto fix = "fix: " + table::printable_lines(finding.remedy);
+  return text + (is_prose(finding.remedy) ? table::wrapped(fix, columns, below) : below + fix + "\n");
 }
 
 nlohmann::json json_of(const Finding& finding) {

@@ -76,7 +76,8 @@ class Listening {
         time_(time_to_listen(arguments.time)),
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
-        output_(arguments.output) {
+        output_(arguments.output),
+        width_(arguments.output.empty() ? reading_columns() : std::string::npos) {
     if (arguments.is_recording() && time_)
       throw campaign::Error(2, "--for: a recording is always read to its end. Fix: remove --for");
     if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
@@ -104,6 +105,8 @@ class Listening {
 
   int run() {
     const auto& interrupts = catch_interrupts();
+    Terminal terminal;
+    terminal.does(arguments_.is_in_processes() ? "setting probes" : "starting to listen");
     const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);
     auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
@@ -128,9 +131,11 @@ class Listening {
       if (budget_) budget_->keep(*sensor, explainer);
       // This copies all flows: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
-          (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
+          (now >= hand_over_at && (metrics || results || terminal.shows_progress())) ||
+          (results && results->is_full())) {
         hand_over_at = now + 1s;
         auto seen = wanted(sensor->findings());
+        terminal.waits(progress_of(seen));
         if (metrics) {
           counters_.add(seen);
           metrics->set(counters_.metrics());
@@ -139,6 +144,7 @@ class Listening {
       }
       if (!goes_on) break;
     }
+    terminal.does("ending");
     take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();
     add_unseen(findings);
@@ -162,6 +168,21 @@ class Listening {
   } catch (const listen::WrongInput&) {
     if (results) results->forget();
     throw;
+  }
+
+  // "3 topics, 1,234 messages, 4 s left".
+  std::string progress_of(const listen::Findings& findings) const {
+    std::set<std::string> topics;
+    std::uint64_t messages = 0;
+    for (const auto& flow : findings.flows) {
+      topics.insert(flow.topic);
+      messages += flow.messages;
+    }
+    const auto time = time_                       ? about(*time_ - listened()) + " left"
+                      : arguments_.is_recording() ? about(listened())
+                                                  : about(listened()) + "; Ctrl-C ends it";
+    return fmt::format("listening: {}, {}, {}", table::many(topics.size(), "topic", "topics"),
+                       table::many(messages, "message", "messages"), time);
   }
 
   bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }
@@ -250,7 +271,7 @@ class Listening {
       if (is_explained && !miss.why) continue;
       const auto why = miss.why.value_or(listen::Why{});
       if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process}).second)
-        output_.write(text_of(miss));
+        output_.write(text_of(miss, width_));
     }
     if (misses.size() > shown.size())
       output_.write(fmt::format("… and {} more late messages until {}\n", misses.size() - shown.size(),
@@ -265,9 +286,10 @@ class Listening {
       print_error(fmt::format("results: no run was added to {}: no message was seen", arguments_.results));
     else
       print_error(
-          fmt::format("results: added {} runs to {}, one per age and period of a flow{}. Next: ontime {} {}",
-                      results.runs(), arguments_.results, most_bytes_ ? ", with the worst late messages" : "",
-                      most_bytes_ ? "explain" : "report", table::shell_line({arguments_.results})));
+          fmt::format("results: added {} to {}, one per age and period of a flow{}. Next: ontime {} {}",
+                      table::many(results.runs(), "run", "runs"), arguments_.results,
+                      most_bytes_ ? ", with the worst late messages" : "", most_bytes_ ? "explain" : "report",
+                      table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {
@@ -330,12 +352,13 @@ class Listening {
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
-      output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
+      output_.write(wrapped_lines(arguments_.list ? way_of(flow) : text_of(flow, limits_), width_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (!arguments_.list && std::ranges::any_of(with_chains(findings).flows, [](const auto& flow) {
           return flow.not_judged + flow.lost_not_judged > 0;
         }))
-      output_.write("not judged: messages that ontime may have delayed while it set or removed probes\n");
+      output_.write(wrapped_lines(
+          "not judged: messages that ontime may have delayed while it set or removed probes", width_));
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)
@@ -405,6 +428,7 @@ class Listening {
   std::vector<listen::Miss> waiting_;              // for the events after them
   const bool as_json_;
   Output output_;
+  const std::size_t width_;  // of its lines
   // Start of counting messages and CPU time.
   std::chrono::system_clock::time_point counted_from_;
   std::chrono::steady_clock::time_point listens_since_;

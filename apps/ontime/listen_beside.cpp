@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "listen_beside.hpp"
 
-#include <csignal>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "spelling/spelling.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
@@ -44,12 +44,7 @@ ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, con
     : topics_(run.listening.topics.begin(), run.listening.topics.end()),
       limits_{run.listening.deadline, run.listening.period, run.listening.age},
       results_(writer, limits_, asked_around(run, command_line), false) {
-  // The new thread must not receive signals.
-  sigset_t all, before;
-  sigfillset(&all);
-  pthread_sigmask(SIG_SETMASK, &all, &before);
-  thread_ = std::jthread([this](const std::stop_token& stop) { listen(stop); });
-  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+  thread_ = thread_without_signals([this](const std::stop_token& stop) { listen(stop); });
 }
 
 void ListenBeside::listen(const std::stop_token& stop) try {

@@ -8,6 +8,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "output.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -63,8 +64,7 @@ ordered_json json_of(const std::optional<Value>& value) {
 }  // namespace
 
 std::string labelled(const std::string& label, const std::string& text) {
-  constexpr std::size_t width = 80, column = 9;
-  return table::wrapped(text, width, std::string(column, ' ')).replace(0, label.size(), label);
+  return labelled(label, text, 9, 80);
 }
 
 std::string in_ms(std::int64_t ns) {
@@ -122,14 +122,16 @@ std::string dated_line_of(const listen::Miss& miss, std::chrono::nanoseconds lim
                      listen::line_of(miss, limit));
 }
 
-std::string text_of(const listen::Miss& miss) {
-  auto text = fmt::format("{}  {}  {}: {} ms {}", clock_of(miss.at_ns), topic_of(miss.topic),
+std::string text_of(const listen::Miss& miss, std::size_t width) {
+  constexpr std::size_t column = 14;
+  auto says = fmt::format("{}  {}: {} ms {}", topic_of(miss.topic),
                           words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
                           miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
-  if (miss.why) text += fmt::format(": {}", table::printable(miss.why->sentence));
+  if (miss.why) says += fmt::format(": {}", table::printable(miss.why->sentence));
+  auto text = labelled(clock_of(miss.at_ns), says, column, width);
   if (miss.why && !miss.why->fix.empty())
-    text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));
-  return text + "\n";
+    text += labelled("", "fix: " + table::printable(miss.why->fix), column, width);
+  return text;
 }
 
 ordered_json json_of(const listen::Party& party) {

@@ -11,7 +11,7 @@
 
 namespace ontime::app {
 
-// "cost     ontime 0.6 % of one CPU …", in lines of 80 columns.
+// As labelled() of output.hpp, for what follows the flows.
 std::string labelled(const std::string& label, const std::string& text);
 std::string in_ms(std::int64_t ns);                               // "0.123", "12.34", "123.4"
 std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
@@ -20,7 +20,7 @@ std::string way_of(const listen::Flow&);                          // "/scan  lid
 std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
 std::string text_of(const listen::Flow&, const listen::Limits&);
-std::string text_of(const listen::Miss&);
+std::string text_of(const listen::Miss&, std::size_t width);
 // line_of() with the date, to be read weeks later.
 std::string dated_line_of(const listen::Miss&, std::chrono::nanoseconds limit);
 nlohmann::ordered_json json_of(const listen::Party&);

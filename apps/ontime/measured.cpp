@@ -70,12 +70,12 @@ std::vector<gate::Judgement> judge(std::vector<statistics::Summary>& summaries, 
 }
 
 // On a full disk the notes are lost, but the table is still shown.
-void keep(record::Writer& writer, const Notes& notes, Terminal& terminal) {
+void keep(record::Writer& writer, const Notes& notes) {
   try {
     for (const auto& [run, note] : notes) writer.note(run, note);
     writer.flush();
   } catch (const record::Error& error) {
-    terminal.note(fmt::format("missed requirements are not recorded in the results: {}", error.what()));
+    print_error(fmt::format("missed requirements are not recorded in the results: {}", error.what()));
   }
 }
 
@@ -162,7 +162,7 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
-  terminal.clear_line();
+  terminal.does("judging the runs");
   auto summaries = statistics::summarise(measured.writer.reader());
   if (summaries.size() == measured.known) return measured.code;  // no run was measured
   Notes notes;
@@ -170,9 +170,10 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   if (flags.wanted() && !measured.unfinished.empty())
     judgements.push_back(
         {gate::Judgement::Result::cannot_judge, measured.results, gate::as_asked, measured.unfinished});
-  keep(measured.writer, notes, terminal);
+  keep(measured.writer, notes);
   const std::vector<statistics::Summary> fresh(
       summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());
+  terminal.does("drawing the page");
   try {
     terminal.note(fmt::format("results: {}; page: {}", measured.results,
                               write_page_beside(measured.results, measured.writer.reader(), summaries)));

@@ -6,15 +6,19 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 #include <system_error>
 #include <utility>
 
 #include <boost/algorithm/string/replace.hpp>
+#include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "orders/orders.hpp"
+#include "table/table.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 
@@ -42,6 +46,25 @@ std::size_t output_columns() {
 }
 
 std::size_t reading_columns() { return isatty(STDOUT_FILENO) != 0 ? output_columns() : std::string::npos; }
+
+std::string labelled(const std::string& label, const std::string& text, std::size_t column,
+                     std::size_t width) {
+  if (width < fewest_for_two) return (label.empty() ? "" : label + "\n") + table::wrapped(text, width, "  ");
+  const std::string before(column - table::width_of(label), ' ');
+  if (column + table::width_of(text) <= width) return label + before + text + "\n";
+  return label + before + table::wrapped(text, width, std::string(column, ' ')).substr(column);
+}
+
+std::string wrapped_lines(const std::string& text, std::size_t width) {
+  std::string lines;
+  std::istringstream stream(text);
+  for (std::string line; std::getline(stream, line);)
+    lines += table::width_of(line) <= width
+                 ? line + "\n"
+                 : table::wrapped(boost::algorithm::trim_left_copy(line), width,
+                                  std::string(std::min(line.find_first_not_of(' '), line.size()), ' '));
+  return lines;
+}
 
 std::string for_terminal(std::string text, int descriptor) {
   if (isatty(descriptor) == 0 || locale_is_utf8()) return text;
@@ -110,6 +133,7 @@ Output::~Output() {
 }
 
 void Output::write(std::string_view whole) {
+  if (path_.empty()) clear_progress_line();
   const auto text = path_.empty() ? for_output(std::string(whole)) : std::string(whole);
   if (std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) fail(errno);
 }

@@ -42,7 +42,6 @@ void add_ping(Command& app) {
     const int code = arguments->loopback
                          ? campaign::execute(on_loopback, writer, terminal, interrupts, command_line())
                          : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
-    terminal.clear_line();
     // Also shows what a failed run measured. Without a pong there is no run.
     const auto measured = statistics::summarise(writer.reader(), known);
     if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));

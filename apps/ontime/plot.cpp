@@ -81,8 +81,8 @@ int plot(PlotArguments arguments) {
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
   for (const auto* run : plot::left_out(summaries, plot))
-    Terminal().note(fmt::format("not drawn: {}: {}", gate::name_of(*run), gate::unfit(*run)));
-  if (!is_named) Terminal().note("figure: " + arguments.output);
+    print_error(fmt::format("not drawn: {}: {}", gate::name_of(*run), gate::unfit(*run)));
+  if (!is_named) print_error("figure: " + arguments.output);
   return 0;
 }
 

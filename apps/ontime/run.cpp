@@ -99,6 +99,7 @@ class Beside final : public Terminal {
     listening_.reset();
   }
   void recorded(std::int64_t run) override {
+    Terminal::recorded(run);
     if (listening_) ends_listening(true);  // the run ended early
     for (const auto& text : remarks_) {
       note("listen.topics: " + text);

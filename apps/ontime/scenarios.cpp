@@ -50,21 +50,26 @@ ordered_json line_of(const std::string& file) {
 }
 
 std::string text_of(const std::vector<ordered_json>& lines) {
+  const auto columns = reading_columns();
   std::size_t width = 0;
-  for (const auto& line : lines) width = std::max(width, line.at("name").get<std::string>().size());
+  for (const auto& line : lines)
+    width = std::max(width, table::width_of(table::printable(line.at("name"))) + 2);
   std::string text;
+  const auto add = [&](const std::string& name, const std::string& what) {
+    text += labelled(name, what, width, columns);
+  };
   for (const auto& line : lines) {
     const auto name = table::printable(line.at("name"));
     if (!line.at("error").is_null()) {
-      text += fmt::format("{:{}}  cannot be run: {}\n", name, width, table::printable(line.at("error")));
+      add(name, "cannot be run: " + table::printable(line.at("error")));
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
     const bool is_of_lab = name.starts_with("lab/") && name != line.at("file");
-    text += fmt::format("{:{}}  {}: {}{}, {}{}\n", name, width, table::printable(line.at("title")),
-                        line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),
-                        about(std::chrono::duration<double>(line.at("seconds").get<double>())),
-                        is_of_lab ? simulated_time : "");
+    add(name, fmt::format("{}: {}{}, {}{}", table::printable(line.at("title")),
+                          line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),
+                          about(std::chrono::duration<double>(line.at("seconds").get<double>())),
+                          is_of_lab ? simulated_time : ""));
   }
   return text;
 }

@@ -239,7 +239,7 @@ std::string goal_of(const search::Problem& problem) {
 }
 
 std::string words_of(const search::Set& set) {
-  if (set.empty()) return "nothing";
+  if (set.empty()) return "no settings";
   std::vector<std::string> words;
   for (const auto& [key, value] : set) words.push_back(fmt::format("{}: {}", key, value));
   return fmt::format("{}", fmt::join(words, ", "));

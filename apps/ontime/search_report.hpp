@@ -27,6 +27,6 @@ nlohmann::ordered_json json_of(const SearchReport&);
 std::string page_of(const SearchReport&);
 
 std::string goal_of(const search::Problem&);  // its limits: "p99.9 < 1 ms and response late = 0"
-std::string words_of(const search::Set&);     // "kernel.ksoftirqd: 60, realtime: on"; "nothing" of none
+std::string words_of(const search::Set&);     // "kernel.ksoftirqd: 60, realtime: on"; "no settings" of none
 
 }  // namespace ontime::app

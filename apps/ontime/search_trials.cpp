@@ -13,6 +13,7 @@
 #include "gate/gate.hpp"
 #include "output.hpp"
 #include "search_report.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -28,6 +29,11 @@ constexpr auto pause = 5s;
 
 std::string text_of(const search::Order& order) {
   return fmt::format("search, trial {}, run {}: {}", order.trial, order.number, words_of(order.set));
+}
+
+// As results files have it, also those of earlier versions.
+std::string note_of(const search::Order& order) {
+  return table::replace_all(text_of(order), words_of({}), "nothing");
 }
 
 bool is_of_a_search(const record::Run& run) {
@@ -183,10 +189,10 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   if (known_.empty()) return {};
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
-  if (text != text_of(order) || run.asked.scenario != scenario.text)
+  if (text != note_of(order) || run.asked.scenario != scenario.text)
     throw Error(2, fmt::format("--resume: run {} of the results is '{}', but this version of ontime expects "
                                "'{}'. Use a new results file",
-                               run.number, text, text_of(order)));
+                               run.number, text, note_of(order)));
   return run;
 }
 
@@ -229,6 +235,7 @@ std::optional<search::Answer> Trials::measured(const search::Order& order,
   const auto before = last();
   const int code = campaign::execute(scenario, writer, places_.terminal, places_.interrupts, command_line());
   if (code == 130 || places_.interrupts > 0) return stop("interrupted", 130);
+  places_.terminal.does("judging the run");
   const auto number = last();
   if (number == before) throw Error(code == 0 ? 3 : code, "no run was measured");
   const auto run = writer.reader().runs(number).front();
@@ -247,7 +254,7 @@ void Trials::note_run(std::int64_t number, const search::Order& order) {
                                      {about_note, subject_.run},
                                      {settings_note, subject_.settings}})
       writer.note(number, {kind, text, {}, {}});
-  writer.note(number, {run_note, text_of(order), {}, {}});
+  writer.note(number, {run_note, note_of(order), {}, {}});
   writer.flush();
   places_.counts(number);
 }

@@ -4,11 +4,13 @@
 #include <algorithm>
 #include <atomic>
 #include <cerrno>
+#include <condition_variable>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
+#include <mutex>
 #include <sstream>
 #include <string_view>
 #include <system_error>
@@ -30,6 +32,10 @@ campaign::Interrupts interrupts{0};
 volatile std::sig_atomic_t last_signal = 0;
 std::atomic<const char*> first_notice{nullptr};  // at the first signal
 static_assert(std::atomic<const char*>::is_always_lock_free, "a signal handler reads it");
+
+// The line of progress, of which a process has one, and what it shows.
+std::mutex line_mutex;
+bool line_is_open = false;
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
 
@@ -57,6 +63,10 @@ void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fflush(stderr);
 }
 
+void erase_line() {
+  if (std::exchange(line_is_open, false)) say("\r\033[K");
+}
+
 // Text from elsewhere (a type name from the network, another machine's words) must not control the terminal.
 // Further lines are indented, so that only the first looks like a line of ontime.
 std::string lines_of(const std::string& text) {
@@ -69,74 +79,141 @@ std::string lines_of(const std::string& text) {
 
 }  // namespace
 
-Terminal::Terminal() : interactive_(can_rewrite_a_line()) {}
+Terminal::Terminal() : interactive_(can_rewrite_a_line()) {
+  if (interactive_)
+    ticking_ = thread_without_signals([this](const std::stop_token& stop) { line_at_second(stop); });
+}
 
-void Terminal::clear_line() {
-  if (line_open_) say("\r\033[K");
-  line_open_ = false;
+Terminal::~Terminal() { clear_progress_line(); }
+
+void Terminal::line_at_second(const std::stop_token& stop) {
+  std::unique_lock lock(line_mutex);
+  std::condition_variable_any none;
+  while (!none.wait_for(lock, stop, std::chrono::seconds(1), [&] { return stop.stop_requested(); }))
+    if (line_is_open && !doing_.empty()) rewrite_line(doing());
 }
 
 // Cut to the terminal's width: a second line could not be cleared.
 void Terminal::rewrite_line(const std::string& text) {
-  clear_line();
+  erase_line();
   say("{:.{}}", for_terminal(text, STDERR_FILENO), columns() - 1);
-  line_open_ = true;
+  line_is_open = true;
 }
 
-void Terminal::note(const std::string& text) {
-  clear_line();
-  say("ontime: {}\n", lines_of(text));
-}
+void Terminal::note(const std::string& text) { print_error(text); }
 
 void Terminal::line(const std::string& text) {
-  clear_line();
+  clear_progress_line();
   say("{}\n", table::printable(text));
 }
 
 void Terminal::waits(const std::string& text) {
-  if (interactive_) rewrite_line(table::printable(text));
+  if (!interactive_) return;
+  const std::lock_guard lock(line_mutex);
+  doing_.clear();
+  rewrite_line(table::printable(text));
+}
+
+void Terminal::does(const std::string& what) {
+  if (!interactive_) return;
+  const std::lock_guard lock(line_mutex);
+  doing_ = table::printable(what);
+  measures_ = false;
+  doing_since_ = Clock::now();
+  rewrite_line(doing());
+}
+
+std::string Terminal::doing() const {
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(Clock::now() - doing_since_).count();
+  const bool says_time = seconds >= 2;  // progress of messages comes each second
+  return head() + (name_.empty() ? "" : "  ") + doing_ + (measures_ && !says_time ? "" : " …") +
+         (says_time ? fmt::format(" {} s", seconds) : "");
 }
 
 void Terminal::expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind) {
   runs_ = runs;
-  left_ = time;
+  planned_after_ = time;
   kind_of_time_ = kind;
 }
 
-std::string Terminal::next(const campaign::Run& run) {
+void Terminal::next(const campaign::Run& run) {
   ++number_;
-  const auto count =
-      runs_ > 1 ? fmt::format("[{}/{}, {}{} left] ", number_, runs_, about(left_), kind_of_time_) : "";
-  left_ -= campaign::time_of(run);
+  planned_ = campaign::time_of(run);
+  planned_after_ -= planned_;
+  begun_ = Clock::now();
   const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  return table::printable(fmt::format("{}{}{} {}{}", count, table::shortened(run.id, gate::longest_id),
-                                      variant, run.task.transport, repetition));
+  name_ = table::printable(fmt::format("{}{} {}{}", table::shortened(run.id, gate::longest_id), variant,
+                                       run.task.transport, repetition));
+}
+
+// Of this run and all after it.
+Terminal::Seconds Terminal::left() const {
+  const auto beyond = measured_ == 0 ? Seconds(0) : beyond_plan_ / measured_;
+  const auto of_run = std::max(Seconds(0), Seconds(planned_ + beyond - (Clock::now() - begun_)));
+  return of_run + planned_after_ + beyond * static_cast<double>(runs_ - std::min(number_, runs_));
+}
+
+// Until the first run has ended, it is unknown what runs take beyond the plan.
+std::string Terminal::head() const {
+  if (runs_ < 2 || name_.empty()) return name_;
+  return fmt::format("[{}/{}, {}{}{} left] {}", number_, runs_, measured_ == 0 ? "≥ " : "", about(left()),
+                     kind_of_time_, name_);
 }
 
 void Terminal::begins(const campaign::Run& run) {
-  head_ = next(run);
-  duration_ = run.task.client.duration;
-  if (!interactive_) return;
-  rewrite_line(head_ + " …");
+  {
+    const std::lock_guard lock(line_mutex);
+    next(run);
+    duration_ = run.task.client.duration;
+  }
+  does("starting");
 }
 
 void Terminal::passes_over(const campaign::Run& run) {
-  clear_line();
-  say("{}  skipped (already in results)\n", next(run));
+  const std::lock_guard lock(line_mutex);
+  next(run);
+  planned_ = {};
+  erase_line();
+  say("{}  skipped (already in results)\n", head());
+  name_.clear();
 }
 
-void Terminal::leaves_out(const campaign::Run& run) { next(run); }
+void Terminal::leaves_out(const campaign::Run& run) {
+  const std::lock_guard lock(line_mutex);
+  next(run);
+  name_.clear();
+}
 
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
-  rewrite_line(
-      fmt::format("{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters)));
+  const std::lock_guard lock(line_mutex);
+  doing_ = fmt::format("{:.0f}/{:g} s  {}", seconds(elapsed), seconds(duration_), words(counters));
+  measures_ = true;
+  doing_since_ = Clock::now();
+  rewrite_line(doing());
 }
 
 void Terminal::ends(const roundtrip::Counters& counters) {
-  clear_line();
-  say("{}  {}\n", head_, words(counters));
+  const std::lock_guard lock(line_mutex);
+  beyond_plan_ += Clock::now() - begun_ - planned_;
+  ++measured_;
+  erase_line();
+  say("{}  {}\n", head(), words(counters));
+}
+
+void Terminal::recorded(std::int64_t /*run*/) {
+  const std::lock_guard lock(line_mutex);
+  name_.clear();
+}
+
+std::jthread thread_without_signals(std::function<void(const std::stop_token&)> work) {
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
+  std::jthread thread(std::move(work));
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+  return thread;
 }
 
 campaign::Interrupts& catch_interrupts(const std::string& text) {
@@ -170,13 +247,22 @@ nlohmann::json command_line() {
   return words;
 }
 
+void clear_progress_line() {
+  const std::lock_guard lock(line_mutex);
+  erase_line();
+}
+
 void print(const std::string& text) {
+  clear_progress_line();
   std::fputs(for_output(text).c_str(), stdout);
   // A closed terminal is an interruption, which is already counted.
   if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
     throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
 }
 
-void print_error(const std::string& text) { say("ontime: {}\n", lines_of(text)); }
+void print_error(const std::string& text) {
+  clear_progress_line();
+  say("ontime: {}\n", lines_of(text));
+}
 
 }  // namespace ontime::app

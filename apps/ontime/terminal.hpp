@@ -2,36 +2,65 @@
 // What a person sees while it runs, on standard error; results go to standard output.
 #pragma once
 
+#include <chrono>
+#include <functional>
+#include <string>
+#include <thread>
+
 #include "campaign/campaign.hpp"
 
 namespace ontime::app {
 
+// A line of progress, which is rewritten, between lines that stay. Without a terminal only these.
 class Terminal : public campaign::Observer {
  public:
   Terminal();
-  // The number of runs, their total time and its kind, simulated_time or "", to show progress.
+  ~Terminal() override;
+  // The number of runs, their planned time and its kind, simulated_time or "", to show progress.
   void expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind);
   void note(const std::string& text) override;
-  void line(const std::string& text);   // a line of another ontime, which has its own prefix
-  void waits(const std::string& text);  // the next output replaces it
+  void line(const std::string& text);           // a line of another ontime, which has its own prefix
+  void waits(const std::string& text);          // the next output replaces it
+  void does(const std::string& what) override;  // the line also counts its seconds
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;
   void leaves_out(const campaign::Run&) override;
   void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;
   void ends(const roundtrip::Counters&) override;
-  void clear_line();  // before anything else is printed there
+  void recorded(std::int64_t run) override;
+  bool shows_progress() const { return interactive_; }
 
  private:
-  std::string next(const campaign::Run&);  // the run's name and progress
+  using Clock = std::chrono::steady_clock;
+  using Seconds = std::chrono::duration<double>;
+  void next(const campaign::Run&);
+  Seconds left() const;
+  std::string head() const;  // "[2/3, 45 s left] loaded udp"
+  std::string doing() const;
   void rewrite_line(const std::string& text);
+  void line_at_second(const std::stop_token&);
+
   const bool interactive_;
-  bool line_open_ = false;
-  std::string head_;
+  // Of all that follows: another thread rewrites the line.
+  std::string name_;   // of the run; "": none is carried out
+  std::string doing_;  // or how far the messages are; "": the line shows something else
+  bool measures_ = false;
+  Clock::time_point begun_, doing_since_;
   std::size_t runs_ = 1, number_ = 0;
-  std::chrono::duration<double> left_{0};  // of this run and all after it
+  Seconds planned_{0}, planned_after_{0};  // for this run, and for all after it
+  // What the runs so far took beyond the plan: to start load, to read traces.
+  Seconds beyond_plan_{0};
+  std::size_t measured_ = 0;
   std::string kind_of_time_;
   std::chrono::nanoseconds duration_{0};
+  std::jthread ticking_;  // last: it uses the rest
 };
+
+// Before anything else is printed to a terminal; print() and print_error() do it.
+void clear_progress_line();
+
+// A thread that receives no signals: the handlers interrupt what waits on the main thread.
+std::jthread thread_without_signals(std::function<void(const std::stop_token&)>);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on. The first one prints `notice`, because the end may take
 // seconds; "": nothing.

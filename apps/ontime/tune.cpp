@@ -12,6 +12,7 @@
 #include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
+#include "output.hpp"
 #include "settings/settings.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -79,6 +80,14 @@ std::string in_words(const settings::Change& change) {
              ? fmt::format("{}: {} is already {}", change.setting->name, change.thing.title(), change.after)
              : fmt::format("{}: {} from {} to {}", change.setting->name, change.thing.title(), change.before,
                            change.after);
+}
+
+// "ksoftirqd/0 [14]" of the thread "14:25:ksoftirqd/0", which also has its start time.
+std::string title_of(const journal::Kept& one) {
+  const auto parts = table::split(one.what, ':');
+  return one.kind.starts_with("thread") && parts.size() > 2
+             ? fmt::format("{} [{}]", one.what.substr(parts[0].size() + parts[1].size() + 2), parts[0])
+             : one.what;
 }
 
 void print_lines(const std::vector<std::string>& lines) {
@@ -159,9 +168,10 @@ int show(const TuneArguments& arguments) {
                    {"values", state.setting->values},
                    {"now", things},
                    {"cannot", state.cannot.empty() ? json() : json(state.cannot)}});
-    text += fmt::format("{:<16}  {}{}\n", state.setting->name,
-                        state.things.empty() ? "-" : printable(settings::values_that_keep(state)),
-                        state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")");
+    text += labelled(state.setting->name,
+                     (state.things.empty() ? "-" : printable(settings::values_that_keep(state))) +
+                         (state.cannot.empty() ? "" : " (" + printable(state.cannot) + ")"),
+                     18, reading_columns());
   }
   if (json_asked)
     print_json(json{{"settings", all}});
@@ -196,7 +206,7 @@ int verify(const TuneArguments& arguments) {
                    {"now", now},
                    {"is_so", is_so}});
     lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "OK    " : "NOT OK", one.kind,
-                                one.what, one.after.value_or(""), now));
+                                title_of(one), one.after.value_or(""), now));
   }
   if (json_asked)
     print_json(json{{"applied", all}});

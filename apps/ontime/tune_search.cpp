@@ -23,6 +23,7 @@
 #include "search_report.hpp"
 #include "search_trials.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -52,9 +53,10 @@ campaign::Scenario scenario_of(const Arguments& arguments, const std::string& fi
   selection.set = set;
   auto scenario = campaign::read_scenario(file, selection);
   if (scenario.runs.size() != 1 || scenario.hosts.components.size() != 1)
-    throw Error(2, fmt::format("tune search: {} has {} runs and {} components, but a search needs one run "
-                               "between two hosts. Choose with --only and --transports, and leave out lists",
-                               arguments.scenario, scenario.runs.size(), scenario.hosts.components.size()));
+    throw Error(2, fmt::format("tune search: {} has {} and {}, but a search needs one run between two hosts. "
+                               "Choose with --only and --transports, and leave out lists",
+                               arguments.scenario, table::many(scenario.runs.size(), "run", "runs"),
+                               table::many(scenario.hosts.components.size(), "component", "components")));
   scenario.repeat = 1;
   return scenario;
 }
@@ -130,24 +132,24 @@ Plan plan_of(const Asked& asked) {
   return plan;
 }
 
-void check_time(const Arguments& arguments, Seconds within, const Plan& plan, Terminal& terminal) {
+void check_time(const Arguments& arguments, Seconds within, const Plan& plan) {
   if (within < plan.of_run)
     throw Error(2, fmt::format("--within {}: too short for one run: {}", arguments.within, plan.text()));
   if (within < plan.of_trial())
-    terminal.note(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
+    print_error(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
   if (plan.runs > too_many_runs)
-    terminal.note(fmt::format("a proof takes about {:.0f} runs: use longer runs (--duration)", plan.runs));
+    print_error(fmt::format("a proof takes about {:.0f} runs: use longer runs (--duration)", plan.runs));
 }
 
 // Notes before the first trial: contradictions, and settings that are not tried.
-void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Terminal& terminal) {
-  for (const auto& [key, notice] : scenario.notices) terminal.note(notice);
+void tell(const campaign::Scenario& scenario, const search::Knobs& knobs) {
+  for (const auto& [key, notice] : scenario.notices) print_error(notice);
   for (const auto& text : search::contradictions(scenario.runs.front()))
-    terminal.note("contradiction: " + text);
+    print_error("contradiction: " + text);
   std::map<std::string, std::vector<std::string>> by_reason;
   for (const auto& [key, why] : knobs.left_out) by_reason[why].push_back(key);
   for (const auto& [why, keys] : by_reason)
-    terminal.note(fmt::format("not tried: {}: {}", fmt::join(keys, ", "), why));
+    print_error(fmt::format("not tried: {}: {}", fmt::join(keys, ", "), why));
 }
 
 Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem,
@@ -231,11 +233,10 @@ class Searched {
 };
 
 int Searched::show(const search::Links& links) const {
-  auto& terminal = places_.terminal;
   const bool as_json = is_json_flag(arguments_.format);
   const auto& results = asked_.results;
   const auto reader = places_.writer.reader();
-  terminal.clear_line();
+  places_.terminal.does("drawing the pages");
   const SearchReport report{
       problem_,
       outcome_,
@@ -247,10 +248,10 @@ int Searched::show(const search::Links& links) const {
       std::filesystem::path(results).replace_extension("search.html").string(),
       search::keep(asked_.scenario.runs.front(), outcome_.set, links, orders::this_program())};
   write_whole(report.page, page_of(report));
-  terminal.note("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
-  as_json ? print_json(json_of(report)) : print(for_output(text_of(report)));
+  print_error("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
+  as_json ? print_json(json_of(report)) : print(text_of(report));
   if (outcome_.end == search::End::no_time || outcome_.end == search::End::cannot_measure)
-    terminal.note(to_go_on(results, !arguments_.results.empty(), arguments_.resume));
+    print_error(to_go_on(results, !arguments_.results.empty(), arguments_.resume));
   return exit_code();
 }
 
@@ -266,7 +267,7 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
     knobs = search::knobs_of(asked.scenario.runs.front(), bounds);
     links = look.links();
   }
-  tell(asked.scenario, knobs, terminal);
+  tell(asked.scenario, knobs);
   record::Writer writer(asked.results);
   Trials::Places places{writer, terminal, interrupts};
   if (!arguments.send_to.empty())
@@ -361,8 +362,7 @@ int run(const Arguments& arguments) {
   check_results(asked.results, arguments.resume);
   auto& interrupts = catch_interrupts("interrupted: restoring settings …");
   Terminal terminal;
-  if (!arguments.resume && arguments.send_to.empty())
-    check_time(arguments, asked.within, plan_of(asked), terminal);
+  if (!arguments.resume && arguments.send_to.empty()) check_time(arguments, asked.within, plan_of(asked));
   try {
     return lab ? search_in_lab(arguments, asked, *lab, terminal, interrupts)
                : search_here(arguments, asked, terminal, interrupts);

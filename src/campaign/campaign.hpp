@@ -40,7 +40,8 @@ std::vector<nlohmann::json> asked(const Together&, const Hosts&);
 class Observer {
  public:
   virtual ~Observer() = default;
-  virtual void note(const std::string& text) = 0;  // something a person should know
+  virtual void note(const std::string& text) = 0;    // something a person should know
+  virtual void does(const std::string& /*what*/) {}  // between messages: "starting load"
   virtual void begins(const Run&) = 0;
   virtual void passes_over(const Run&) = 0;  // it is already in the results
   virtual void leaves_out(const Run&) = 0;   // its search no longer needs this step

@@ -99,6 +99,7 @@ void Machines::leave_all() noexcept {
 }
 
 void Machines::prepare(const Hosts& stated, const Transports& transports) {
+  observer_.does("looking at the machines");
   leave_all();
   machines_.clear();
   hosts_ = stated;
@@ -224,7 +225,10 @@ bool Machines::lost() const {
   return std::ranges::any_of(machines_, [](const auto& entry) { return entry.second.keeper->lost(); });
 }
 
-void Machines::close() { give_back("close", "closed"); }
+void Machines::close() {
+  observer_.does("leaving the machines");
+  give_back("close", "closed");
+}
 
 // Asks every keeper, even if one fails.
 void Machines::give_back(const char* order, const char* answer) {

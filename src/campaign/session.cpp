@@ -3,6 +3,9 @@
 
 #include <algorithm>
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include "campaign/background_topics.hpp"
 #include "campaign/link.hpp"
 #include "campaign/pollers.hpp"
@@ -13,6 +16,16 @@ namespace ontime::campaign {
 
 using namespace std::chrono_literals;
 using record::Outcome;
+
+namespace {
+
+std::string waiting_for(const Run& run, Hosts::Kind kind) {
+  if (kind != Hosts::Kind::alone) return "connecting and warming up";
+  const auto& peers = run.task.config.peers;
+  return "waiting for pong" + (peers.empty() ? "" : fmt::format(" at {}", fmt::join(peers, ", ")));
+}
+
+}  // namespace
 
 Session::Session(const Together& runs, const std::vector<std::int64_t>& numbers,
                  orders::Coordinator& coordinator, Machines& machines, record::Writer& writer,
@@ -63,20 +76,26 @@ roundtrip::Counters Session::counters() const {
 
 std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   check_pollers(runs_, machines_);
+  if (!run_.kernel.empty() || run_.isolation.any()) observer_.does("applying settings");
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();
+  if (run_.controller_load.any() || run_.component_load.any() || run_.traffic.any())
+    observer_.does("starting load and traffic");
   for (const auto& text : machines_.load(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"load-scaled", text, {}, {}});
   if (run_.explain) {
+    observer_.does("starting traces");
     machines_.trace([this](const auto& host, trace::Window window) {
       if (const auto number = Windows::number_of(window); number < windows_.size())
         windows_[number].take(host, std::move(window));
     });
     for (std::size_t i = 0; i < runs_.size(); ++i) windows_.emplace_back(machines_, runs_[i], i);
   }
+  observer_.does(waiting_for(run_, machines_.hosts().kind));
   for (auto& pair : pairs_) pair->make_ready(wait);
   if (run_.listening.any()) {
+    observer_.does("setting probes");
     observer_.begins_listening(run_);
     coordinator_.until([this] { return observer_.listens(); }, 1);
   }
@@ -157,7 +176,9 @@ void Session::await_background() {
 }
 
 std::vector<Outcome> Session::outcomes() {
+  if (run_.explain) observer_.does("reading traces");
   await_windows();
+  observer_.does("ending");
   await_background();
   for (auto& pair : pairs_) pair->end();
   auto account = machines_.end();

@@ -225,10 +225,11 @@ std::string list_of(std::size_t first, std::size_t count) {
 }
 
 // Of each run that was measured with `explain: on`.
-std::string whys_of(const record::Reader& reader, const Shown& group, Drawings& drawings) {
+std::string whys_of(const record::Reader& reader, const std::string& file, const Shown& group,
+                    Drawings& drawings) {
   std::string html;
   for (std::size_t i = 0; i < group.runs.size(); ++i) {
-    auto why = why_of(reader, group.runs[i]->run, drawings.drawn.size(),
+    auto why = why_of(reader, group.runs[i]->run, file, drawings.drawn.size(),
                       std::min(drawings.of_a_run, most_drawings - drawings.drawn.size()));
     if (why.html.empty()) continue;
     html +=
@@ -238,13 +239,13 @@ std::string whys_of(const record::Reader& reader, const Shown& group, Drawings& 
   return html;
 }
 
-std::string section_of(const record::Reader& reader, const Shown& shown, std::size_t first,
-                       Drawings& drawings) {
+std::string section_of(const record::Reader& reader, const std::string& file, const Shown& shown,
+                       std::size_t first, Drawings& drawings) {
   const auto& [group, labels] = shown;
   auto html = fmt::format("<section>\n<h2>{}</h2>\n<p>{}</p>\n", escaped(heading_of(*group.front())),
                           escaped(join(shared_conditions(group), ", ")));
   for (std::size_t i = 0; i < group.size(); ++i) html += time_figure(*group[i], labels[i], first + i);
-  html += whys_of(reader, shown, drawings);
+  html += whys_of(reader, file, shown, drawings);
   html += fmt::format(
       "<div class=\"pair\">\n<figure class=\"ccdf\" data-figures-of=\"{0}\">\n<figcaption><b>Exceedance "
       "(CCDF)</b> <span>share of messages slower than x; a lost message counts as "
@@ -371,7 +372,7 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
     std::size_t first = 0;
     drawings.of_a_run = std::clamp<std::size_t>(most_drawings / measured.size(), 1, most_drawings_of_a_run);
     for (const auto& group : groups) {
-      body += section_of(reader, group, first, drawings);
+      body += section_of(reader, name, group, first, drawings);
       first += group.runs.size();
     }
     body += comparing_figures(measured, groups.size()) + settings_of(measured);

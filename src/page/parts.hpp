@@ -39,6 +39,8 @@ struct Why {
   std::string html;
   std::vector<nlohmann::json> drawings;
 };
-Why why_of(const record::Reader&, const record::Run&, std::size_t first_drawing, std::size_t most_drawings);
+// Commands to paste name the results `file`.
+Why why_of(const record::Reader&, const record::Run&, const std::string& file, std::size_t first_drawing,
+           std::size_t most_drawings);
 
 }  // namespace ontime::page

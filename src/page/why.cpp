@@ -60,7 +60,7 @@ std::string heading_of(const Message& message) {
 }
 
 // What the figure shows, in words: the delay, the largest parts first.
-std::string parts_of(const Message& message) {
+std::string parts_of(const Message& message, const std::string& command) {
   Table table{.title = "Delay by stage",
               .columns = {{"Stage", Column::Align::left}, {"Took"}, {"Cause", Column::Align::left}}};
   const auto shown = std::min(message.parts.size(), most_parts);
@@ -70,28 +70,27 @@ std::string parts_of(const Message& message) {
                           explain::sentence_of(part)});
   }
   if (shown < message.parts.size())
-    table.notes.push_back(fmt::format("{} more parts: see `ontime explain --message {}`.",
-                                      message.parts.size() - shown, message.sample.index));
+    table.notes.push_back(fmt::format("{} more parts: see `{}`.", message.parts.size() - shown, command));
   if (!message.whole) table.notes.emplace_back("Some kernel events around it are missing.");
   return as_html(table);
 }
 
 // The figure, or a note that it cannot be drawn; and all parts in words.
-std::string figure_of(const Message& message, std::optional<std::size_t> drawing) {
+std::string figure_of(const Message& message, const std::string& explain,
+                      std::optional<std::size_t> drawing) {
+  const auto command = fmt::format("{} --message {}", explain, message.sample.index);
   const auto& culprit = message.parts.front();
   auto says = explain::sentence_of(culprit);
   if (culprit.ns > 0) says += ": " + span_of(culprit.ns);
   const auto caption = fmt::format("<b>{}</b> <span>{}</span>", escaped(heading_of(message)), escaped(says));
-  auto html = drawing
-                  ? fmt::format(
-                        "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption>{}</figcaption>\n"
-                        "</figure>\n",
-                        *drawing, caption)
-                  : fmt::format("<p>{}</p>\n", caption) +
-                        note_as_html(fmt::format("Too many events to draw. See `ontime explain --message {} "
-                                                 "--perfetto FILE`.",
-                                                 message.sample.index));
-  return html + "<details><summary>Part by part</summary>\n" + parts_of(message) + "</details>\n";
+  auto html =
+      drawing ? fmt::format(
+                    "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption>{}</figcaption>\n"
+                    "</figure>\n",
+                    *drawing, caption)
+              : fmt::format("<p>{}</p>\n", caption) +
+                    note_as_html(fmt::format("Too many events to draw. See `{} --perfetto FILE`.", command));
+  return html + "<details><summary>Part by part</summary>\n" + parts_of(message, command) + "</details>\n";
 }
 
 constexpr const char* key =
@@ -102,10 +101,11 @@ class="other">■</span>another thread <span class="interrupt">■</span>interru
 
 }  // namespace
 
-Why why_of(const record::Reader& reader, const record::Run& run, std::size_t first_drawing,
-           std::size_t most_drawings) {
+Why why_of(const record::Reader& reader, const record::Run& run, const std::string& file,
+           std::size_t first_drawing, std::size_t most_drawings) {
   const auto account = explain::account_of(reader, run);
   if (!account.traced) return {};
+  const auto explain = table::shell_line({"ontime", "explain", file, "--only", std::to_string(run.number)});
   Why why;
   const auto faults = faults_of(account);
   std::size_t looked_at = 0;
@@ -118,8 +118,8 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
     for (std::size_t i = 0; i < shown; ++i) why.html += share_of(account.groups[i], looked_at);
     why.html += "</ol>\n";
     if (shown < account.groups.size())
-      why.html += note_as_html(fmt::format("{} more causes, each of fewer messages: see `ontime explain`.",
-                                           account.groups.size() - shown));
+      why.html += note_as_html(fmt::format("{} more causes, each of fewer messages: see `{}`.",
+                                           account.groups.size() - shown, explain));
   }
   for (const auto& limit : account.limits) why.html += note_as_html(limit);
 
@@ -127,9 +127,7 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   if (worst.empty()) {
     if (most_drawings == 0 && !chosen(account, 1).empty())
       why.html += note_as_html(fmt::format(
-          "Its messages are not drawn: the drawings of earlier runs fill the page. See `ontime explain --run "
-          "{}`.",
-          run.number));
+          "Its messages are not drawn: the drawings of earlier runs fill the page. See `{}`.", explain));
     return why;
   }
   std::map<std::uint64_t, nlohmann::json> drawings;  // by message
@@ -140,10 +138,10 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   for (const auto& message : worst) {
     auto& drawing = drawings[message.sample.index];
     if (drawing.is_null()) {
-      why.html += figure_of(message, std::nullopt);
+      why.html += figure_of(message, explain, std::nullopt);
       continue;
     }
-    why.html += figure_of(message, first_drawing + why.drawings.size());
+    why.html += figure_of(message, explain, first_drawing + why.drawings.size());
     why.drawings.push_back(std::move(drawing));
   }
   return why;

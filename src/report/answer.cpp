@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "report/comparison.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -430,6 +431,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     answer.rows.push_back(entry.row);
     const auto state = entry.row.state;
     all_ok = all_ok && state == State::ok;
+    found.failed = found.failed || state == State::failed;
     found.unfinished = found.unfinished || state == State::failed || state == State::cut_off;
     for (const auto* run : entry.runs) found.denied = found.denied || !gate::denied(run->run.outcome).empty();
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
@@ -472,10 +474,14 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
       answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,
                                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were");
     if (contrast != nullptr && worst->high > 0) {
-      found.from = worst_of(*worst)->runs.front();
-      found.to = contrast->entries.front()->runs.front();
+      const auto *from = worst_of(*worst)->runs.front(), *to = contrast->entries.front()->runs.front();
+      if (can_compare(summaries, *from, *to)) {
+        found.from = from;
+        found.to = to;
+      }
     }
   }
+  answer.sentence += searches_sentence_of(summaries);
   answer.sentence += missed_requirements(entries);
   answer.next = next_steps(found, origin);
   return answer;

@@ -67,7 +67,7 @@ const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
 // For answer_of(): the commands that follow. `any` is a run; `late`, `from` and `to` are one, or nothing.
 struct Findings {
   const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr;
-  bool denied = false, unfinished = false;
+  bool denied = false, unfinished = false, failed = false;
   std::optional<double> longer_ns;  // nothing was late; so long a run would bound that closer
   std::string longer_tells;         // "Prove < 1 in 10,000"
 };

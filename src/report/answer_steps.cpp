@@ -163,7 +163,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
         listened);
   if (!origin.file.empty())
     add("All tables", {"ontime", "report", origin.file, "--full"});
-  else if (!listened)
+  else if (!listened && !found.failed)                  // what failed fails again
     add("Again, all tables", with(words, {"--full"}));  // measures anew: no samples were kept
   return steps;
 }

@@ -32,6 +32,10 @@ Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<
 // variant; or the only kind of each side.
 Comparison compare_chosen(const std::vector<statistics::Summary>& a,
                           const std::vector<statistics::Summary>& b);
+// Whether `ontime compare FILE --from A --to B` compares the runs of these two ids in one file, or of their
+// numbers, if they have the same id.
+bool can_compare(const std::vector<statistics::Summary>&, const statistics::Summary& from,
+                 const statistics::Summary& to);
 // For runs of one suite: those with the value `from` of a scenario's key (such as "kernel.threaded-napi")
 // against those with the value `to`, everything else equal.
 Comparison compare_by(const std::vector<statistics::Summary>&, const std::string& key,

@@ -145,6 +145,26 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
   return comparison;
 }
 
+bool can_compare(const Summaries& all, const statistics::Summary& from, const statistics::Summary& to) {
+  const bool by_id = word(from.run.asked.id) != word(to.run.asked.id);
+  const auto alike = [&](const statistics::Summary& one) {
+    Summaries runs;
+    std::ranges::copy_if(all, std::back_inserter(runs), [&](const auto& run) {
+      return by_id ? word(run.run.asked.id) == word(one.run.asked.id)
+                   : run.run.number == one.run.number || (!one.run.key.empty() && run.run.key == one.run.key);
+    });
+    return runs;
+  };
+  const auto is_of_one_kind = [](const Runs& runs) {
+    return std::ranges::all_of(runs, [&](const auto* run) { return run->run.key == runs.front()->run.key; });
+  };
+  const auto a = alike(from), b = alike(to);
+  const auto comparison = compare_chosen(a, b);
+  return !comparison.pairs.empty() && std::ranges::all_of(comparison.pairs, [&](const Pair& pair) {
+    return is_of_one_kind(pair.from) && is_of_one_kind(pair.to) && !has_run_on_both_sides(pair);
+  });
+}
+
 std::vector<std::string> values_of(const Summaries& runs, const std::string& key) {
   std::vector<std::string> values;
   for (const auto& run : runs) add_once(values, split_by(key, run).first);

@@ -49,6 +49,8 @@ void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
 // The greatest value of a key without a miss; no rows without a search.
 table::Table searches_table(const Group&);
+// " Highest background.rate without a miss: 400 Hz."; "" without a search.
+std::string searches_sentence_of(const Summaries&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
 // A caution about a run: a fault, or a count that the table does not show.

@@ -174,6 +174,22 @@ Table searches_table(const Group& group) {
   return table;
 }
 
+std::string searches_sentence_of(const Summaries& summaries) {
+  constexpr std::size_t most = 3;
+  const auto all = found(last_of(summaries));
+  if (all.empty()) return "";
+  std::vector<std::string> keys, values;
+  for (const auto& one : all) {
+    add_once(keys, one.key);
+    if (values.size() == most) continue;
+    const auto of = all.size() == 1 ? "" : join({one.id, one.transport}, " ") + " ";
+    values.push_back(of + (one.passed == nullptr ? "none" : one.passed->value) +
+                     (one.finished ? "" : " (search not finished)"));
+  }
+  const auto more = all.size() > most ? fmt::format(" and {}", many(all.size() - most, "more", "more")) : "";
+  return fmt::format(" Highest {} without a miss: {}{}.", join(keys, ", "), join(values, ", "), more);
+}
+
 ordered_json searches_json_of(const Summaries& summaries) {
   return array_of(found(all_of(summaries)), [](const Found& one) -> ordered_json {
     return {{"id", one.id},

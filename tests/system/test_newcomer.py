@@ -140,6 +140,23 @@ class Newcomer(unittest.TestCase):
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
 
+    def test_progress_says_what_it_waits_for_and_how_long_it_takes(self):
+        shown = self.on_a_terminal("ping", "--transport", "udp", "--peer", "127.0.0.1:9", "--wait", "300 ms",
+                                   LC_ALL="C.UTF-8").decode()
+        self.assertIn("waiting for pong at 127.0.0.1:9", shown)
+        (self.folder / "two.yaml").write_text("hosts: loopback\ndefaults: {transport: udp, duration: 200 ms}\n"
+                                              "runs: [{id: a}, {id: b}]\n")
+        shown = self.on_a_terminal("run", "./two.yaml", LC_ALL="C.UTF-8").decode()
+        self.assertRegex(shown, r"\[1/2, ≥ [0-9]+ s left\] a udp  starting")
+        self.assertRegex(shown, r"\[2/2, [0-9]+ s left\] b udp  starting")
+
+    def test_long_lines_are_wrapped_on_a_terminal(self):
+        for arguments in (["scenarios"], ["tune", "show", "--interface", "lo"]):
+            for columns in (40, 80):
+                with self.subTest(arguments, columns=columns):
+                    lines = self.on_a_terminal(*arguments, columns=columns, LC_ALL="C.UTF-8").decode().splitlines()
+                    self.assertEqual([line for line in lines if len(line) > columns], [])
+
     def test_check_begins_with_its_errors_and_ends_with_their_names(self):
         done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)
         marks = re.findall(r"^(error  |warning|       ) ([a-z-]+): ", done.stdout, re.MULTILINE)

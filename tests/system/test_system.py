@@ -134,7 +134,7 @@ class System(Program):
         self.assertEqual([run["complete"] for run in self.report()], [True, False])
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertRegex(answer.stderr, r"\[1/4, 16 s left\] one udp +skipped")
+        self.assertRegex(answer.stderr, r"\[1/4, ≥ 12 s left\] one udp +skipped")
         self.assertEqual([(run["id"], run["repetition"]) for run in self.report() if run["complete"]],
                          [("one", 1), ("one", 2), ("two", 1), ("two", 2)])
         # What is asked otherwise is not done: neither a text that was changed, nor another duration.
