@@ -88,9 +88,9 @@ TEST(TableFormat, ShowsConfidenceIntervalsAndMissBound) {
   one.bursts = {2, 7, 70'000'000};
   text = render({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("[0.1, 0.3]"));
-  EXPECT_THAT(text, AllOf(HasSubstr("2 bursts"), HasSubstr("longest: 7 messages, 70 ms")));
+  EXPECT_THAT(text, AllOf(HasSubstr("2 bursts"), HasSubstr("longest: 7 messages, due within 70 ms")));
   one.bursts.longest_ns = 999'600'000;
-  EXPECT_THAT(render({one}, Format::table), HasSubstr("longest: 7 messages, 1 s"));
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("longest: 7 messages, due within 1 s"));
 }
 
 // A limit in the estimate's place is another number: p99 of 197 µs where JSON has 5218.

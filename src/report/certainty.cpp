@@ -56,7 +56,7 @@ std::string note_of(const Summary& summary) {
   if (missed.events > 0) {
     const auto& bursts = summary.bursts;
     if (bursts.count == 0) return "never two late or lost in a row";
-    return fmt::format("{} of consecutive late or lost messages; longest: {} messages, {}",
+    return fmt::format("{} of consecutive late or lost messages; longest: {} messages, due within {}",
                        many(bursts.count, "burst", "bursts"), bursts.longest,
                        time(static_cast<double>(bursts.longest_ns)));
   }

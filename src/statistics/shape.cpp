@@ -207,9 +207,8 @@ void Misses::message(const Sample& sample) {
   missed_.add(sample.fate != Fate::on_time);
   if (sample.fate == Fate::on_time) return close();
   if (in_a_row_++ == 0) from_ns_ = sample.due_ns;
-  to_ns_ = over_ns(sample, timeout_ns_);
   bursts_.longest = std::max(bursts_.longest, in_a_row_);
-  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, to_ns_));
+  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, sample.due_ns));
 }
 
 void Misses::close() {
