@@ -124,6 +124,10 @@ TEST(TableFormat, ShowsAWorstCaseOrWhyItIsRefused) {
   EXPECT_THAT(render({one}, Format::table),
               HasSubstr("400  5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
   EXPECT_THAT(render({one}, Format::table), HasSubstr("4.4 million answers"));
+  auto wide = one;
+  wide.extremes.maxima->level_lies = wide.extremes.peaks->level_lies = {4e9, 1e11};
+  for (const auto& line : lines_of(render({wide}, Format::table, {}, 80)))
+    EXPECT_LE(width_of(line), 80u) << line;
   one.extremes.peaks->refused = "it drifts";
   const auto text = render({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("udp: no extrapolated worst case: it drifts"));
@@ -193,6 +197,24 @@ TEST(TableFormat, FitsAHundredColumns) {
   for (const auto& line : lines_of(render(runs, Format::table))) EXPECT_LE(width_of(line), 100u) << line;
   for (const auto& line : lines_of(render_threads(runs, Format::table)))
     EXPECT_LE(width_of(line), 100u) << line;
+}
+
+TEST(TableFormat, RepetitionsFitEightyColumns) {
+  std::vector<Summary> runs;
+  for (const auto repetition : {1, 2}) {
+    runs.push_back(summary(asked("x", "cyclonedds", repetition), outcome(), repetition == 1 ? 2000 : 9000));
+    const auto sure = with_certainty();
+    runs.back().round_trip_certainty = sure.round_trip_certainty;
+    runs.back().missed_probability = sure.missed_probability;
+  }
+  const auto text = render(runs, Format::table, {}, 80);
+  ASSERT_THAT(text, HasSubstr("over repetitions"));
+  for (const auto& line : lines_of(text)) EXPECT_LE(width_of(line), 80u) << line;
+  const auto row = row_of(text.substr(text.find("over repetitions")), "cyclonedds");
+  EXPECT_THAT(row, ::testing::ElementsAre("cyclonedds", ::testing::_, "[1000,", ::testing::_, ::testing::_,
+                                          ::testing::_, ::testing::_, ::testing::_, "[2000,", "9000]",
+                                          ::testing::_, ::testing::_, ::testing::_))
+      << "p50, p99, max and misses remain";
 }
 
 TEST(Paper, AllItsRowsAreThere) {
