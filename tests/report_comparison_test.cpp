@@ -65,6 +65,24 @@ TEST(Compare, PeriodAndAgeHaveNoNearest) {
   EXPECT_EQ(why_never(compare(a, b)), "") << "other conditions are no reason";
 }
 
+TEST(Compare, ImportedWakeUpLatencyIsNoRoundTrip) {
+  std::vector a{run("x", "k1", 1)}, b{run("y", "k2", 1, 2)};
+  const auto import = [](Summary& run) {
+    amend(run.run.asked,
+          {{"measures", "wake-up"}, {"imported", {{"from", "cyclictest-json"}, {"file", "c.json"}}}});
+    run.imported.emplace();
+    run.wake_up = std::exchange(run.round_trip, {});
+  };
+  import(a[0]);
+  EXPECT_EQ(why_never(compare_chosen(a, b)),
+            "an imported wake-up latency and a round trip cannot be compared");
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), Not(HasSubstr("--from")));
+  import(b[0]);
+  const auto both = compare_chosen(a, b);
+  EXPECT_EQ(why_never(both), "");
+  EXPECT_THAT(render_answer(both, {}, Format::table, "", 80), HasSubstr("Wake-up (µs)"));
+}
+
 TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
   std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1)};
   amend(a[0].run.asked, {{"period_us", 10'000}, {"deadline_us", 10'000}});

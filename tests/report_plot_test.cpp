@@ -134,6 +134,24 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + key));
 }
 
+TEST(Gnuplot, LegendNamesALineOnlyWhereTheFigureHasOne) {
+  auto run = plotted("a", "udp");
+  run.shape.slices = {{.sent = 1, .min_ns = 100'000, .p50_ns = 100'000, .max_ns = 100'000},
+                      {.sent = 1, .lost = 1}};
+  EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("from the fastest to the slowest")));
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("set label 'messages'"));
+  EXPECT_THAT(gnuplot_of({run, plotted("b", "udp")}, {}), HasSubstr("from the fastest to the slowest"));
+}
+
+TEST(Gnuplot, ConditionsInANameHaveCommasBetweenThem) {
+  auto one = plotted("a", "udp"), other = plotted("b", "udp");
+  for (auto* run : {&one, &other}) amend(run->run.asked, "/title", "");
+  amend(other.run.asked, {{"payload_bytes", 1000}, {"receive", "waitset"}});
+  for (const auto figure : {Plot::Figure::time, Plot::Figure::ccdf})
+    EXPECT_THAT(gnuplot_of({one, other}, {figure, Plot::Form::svg, false}),
+                HasSubstr("'b udp 1000 B, waitset'"));
+}
+
 TEST(Gnuplot, FigureOverTimeSaysWhyARunOfTheFlightRecorderIsEmpty) {
   auto run = plotted("a", "udp");
   EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));

@@ -100,7 +100,19 @@ TEST(Layers, AreNotComparedWithOtherConditions) {
                          .measured;
   ASSERT_EQ(found.size(), 2u);
   EXPECT_FALSE(found[1].round_trip_ns.added);
-  EXPECT_EQ(found[1].no_base, "no run of 'below' has the same payload_bytes");
+  EXPECT_EQ(found[1].no_base, "no run of 'below' has the same payload");
+}
+
+TEST(Layers, DifferencesAreNamedAsInAScenario) {
+  const auto found = layers({layer_run("below", "", 1, 100, {},
+                                       {{"payload_bytes", 32768},
+                                        {"ping_topic", "/x"},
+                                        {"qos", {{"depth", 9}}},
+                                        {"others", {{"lidar", {{"payload_bytes", 1}}}}}}),
+                             layer_run("above", "below", 1, 110)})
+                         .measured;
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[1].no_base, "no run of 'below' has the same components, payload, qos, topics.ping");
 }
 
 TEST(Layers, AreTheSameWhateverIsRequiredOfThem) {

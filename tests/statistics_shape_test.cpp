@@ -74,6 +74,17 @@ TEST(Shape, LongRunWithoutADurationReachesToItsEnd) {
   }
 }
 
+TEST(Shape, ShortRunWithoutADurationHasASliceForEachMessage) {
+  auto asked = asked_next_free;
+  asked.erase("duration_s");
+  std::vector<Sample> samples;  // 6 s, as many as a plot shows
+  for (std::int64_t i = 0; i < 200; ++i)
+    samples.push_back(answered(static_cast<std::uint64_t>(i), 1000 * ms + i * 30 * ms, 0, us));
+  const auto shape = summary_of(samples, asked).shape;
+  ASSERT_LE(shape.slices.size(), 2000u);
+  EXPECT_TRUE(std::ranges::all_of(shape.slices, [](const Slice& slice) { return slice.sent <= 1; }));
+}
+
 TEST(Shape, StallOfHoursIsInEachOfItsSlices) {
   auto asked = asked_next_free;
   asked["duration_s"] = 1.0;
@@ -178,8 +189,10 @@ TEST(Shape, FewMessagesDueLongAfterAllOthersAreInNoSlice) {
     asked["duration_s"] = 10.0;
     if (!stated) asked.erase("duration_s");
     const auto shape = summary_of(samples, asked).shape;
-    EXPECT_EQ(static_cast<std::int64_t>(shape.slices.size()) * shape.slice_ns, end_ns) << stated;
-    for (const auto& slice : shape.slices) EXPECT_EQ(slice.sent, 1000 / shape.slices.size());
+    const auto reached_ns = static_cast<std::int64_t>(shape.slices.size()) * shape.slice_ns;
+    EXPECT_LE(reached_ns, end_ns) << stated;
+    EXPECT_GT(reached_ns, end_ns - 10 * ms) << stated;
+    for (const auto& slice : shape.slices) EXPECT_LE(slice.sent, 1u);
     ASSERT_EQ(shape.beyond.size(), 2u);
     EXPECT_EQ(shape.beyond[1].due_ns, hour_ns);
   }

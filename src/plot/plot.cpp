@@ -17,6 +17,8 @@ namespace {
 
 using statistics::Summary;
 
+constexpr const char* between_conditions = ", ";
+
 std::string title_of(const Summary& summary) { return shortened(printable(summary.run.asked.title), 60); }
 
 // "Test1.B udp: System under load". Where an id has no title, its conditions are spelled out in its place.
@@ -65,15 +67,19 @@ std::string mark_of(const Group& runs) {
 }  // namespace
 
 std::vector<std::string> names_of(const Group& group) {
-  auto names = names_with(group, within_ids(group, labels_of), labels_of(group));
+  const auto labels = [](const Group& runs) { return labels_of(runs, between_conditions); };
+  auto names = names_with(group, within_ids(group, labels), labels(group));
   tell_apart(names, group);
   for (std::size_t i = 0; i < group.size(); ++i) names[i] += mark_of({group[i]});
   return names;
 }
 
 std::vector<Condition> conditions_of(const Group& group) {
-  const auto labels = within_ids(group, labels_without_repetition);
-  const auto names = names_with(group, labels, labels_without_repetition(group));
+  const auto labels_of_runs = [](const Group& runs) {
+    return labels_without_repetition(runs, between_conditions);
+  };
+  const auto labels = within_ids(group, labels_of_runs);
+  const auto names = names_with(group, labels, labels_of_runs(group));
   std::vector<Condition> conditions;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto same = std::ranges::find(conditions, names[i], &Condition::name);

@@ -67,15 +67,20 @@ std::pair<const char*, double> unit_for(double end_s) {
                           : std::pair{"s", 1.0};
 }
 
+// From the fastest to the slowest message it is no longer than a dot: its line would be hard to see.
+bool is_dot(const statistics::Slice& of, const Range& range) {
+  constexpr double as_a_dot = 1.15;
+  return range.at(of.max_ns) < range.at(of.min_ns) * as_a_dot;
+}
+
 // Of a run what there is to draw, as gnuplot's parts of a plot.
 std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run, const Range& range,
-                                  std::size_t most_stretches, double unit_s) {
-  constexpr double as_a_dot = 1.15;  // so much longer than short: its line would be hard to see
+                                  const std::vector<Stretch>& stretches, double unit_s) {
   std::string extents, alone, medians, late, lost, passed;
-  for (const auto& [at_s, of] : stretches_of(summary.shape, most_stretches)) {
+  for (const auto& [at_s, of] : stretches) {
     const bool answered = of.sent > of.lost;
     const auto at = at_s / unit_s, min_ms = range.at(of.min_ns), max_ms = range.at(of.max_ns);
-    if (answered) (max_ms < min_ms * as_a_dot ? alone : extents) += segment(at, min_ms, max_ms);
+    if (answered) (is_dot(of, range) ? alone : extents) += segment(at, min_ms, max_ms);
     medians += answered ? fmt::format("{:.6g} {:.6g}\n", at, range.at(of.p50_ns)) : "\n";
     if (of.late > 0) late += segment(at, max_ms, max_ms);
     if (of.lost > 0) lost += fmt::format("{:.6g} 0.95\n", at);
@@ -100,9 +105,17 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
   return parts;
 }
 
-std::vector<Entry> entries_of(const Group& group) {
+std::vector<Entry> entries_of(const Group& group, const std::vector<std::vector<Stretch>>& stretches,
+                              const Range& range) {
   const auto counts = counts_of(group);
-  std::vector<Entry> entries{{"from the fastest to the slowest", extent_style, ""}};
+  const bool any_line = std::ranges::any_of(stretches, [&](const auto& of_run) {
+    return std::ranges::any_of(of_run, [&](const Stretch& one) { return !is_dot(one.second, range); });
+  });
+  std::vector<Entry> entries;
+  if (any_line)
+    entries.push_back({"from the fastest to the slowest", extent_style});
+  else
+    entries.push_back({"messages", "", "pointtype 7 pointsize 0.25 linecolor rgb '#0072b2'"});
   if (std::ranges::any_of(group, [](const auto* run) { return run->sent > few * run->shape.slices.size(); }))
     entries.push_back({"median", median_style});
   if (counts.late > 0) entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
@@ -132,19 +145,28 @@ constexpr const char* worst_only =
 
 constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
 
+std::size_t columns_for(const Group& group, const Plot& plot) {
+  return plot.wide && group.size() > 1 ? 2 : 1;
+}
+// Of the axes of a panel.
+double inner_cm_of(const Group& group, const Plot& plot) {
+  return Sheet::width_cm(plot) / static_cast<double>(columns_for(group, plot)) - left_cm - right_cm;
+}
+
 // Where the panels are: column by column, as high as a page allows.
 struct Layout {
   Layout(const Group& group, const Plot& plot, double legend_cm)
-      : columns(plot.wide && group.size() > 1 ? 2 : 1),
+      : columns(columns_for(group, plot)),
         rows((group.size() + columns - 1) / columns),
         column_cm(Sheet::width_cm(plot) / static_cast<double>(columns)),
         tops(rows, 0),
         lines(rows, 0) {
     const auto names = names_of(group);
+    const auto inner_cm = inner_cm_of(group, plot);
     for (std::size_t i = 0; i < group.size(); ++i) {
-      auto& title = titles.emplace_back(wrapped(names[i], inner_cm()));
+      auto& title = titles.emplace_back(wrapped(names[i], inner_cm));
       if (group[i]->has_worst_only)
-        for (const auto& line : wrapped(worst_only, inner_cm())) title.push_back(line);
+        for (const auto& line : wrapped(worst_only, inner_cm)) title.push_back(line);
       if (const auto text = beyond_text(*group[i]); !text.empty()) title.push_back(text);
       title.push_back(text_of(counts_of({group[i]})));
       lines[i % rows] = std::max(lines[i % rows], title.size());
@@ -159,7 +181,6 @@ struct Layout {
       top += static_cast<double>(lines[row]) * line_cm + axes_cm + between_cm;
     }
   }
-  double inner_cm() const { return column_cm - left_cm - right_cm; }
   double left_of(std::size_t panel) const {
     const auto column = panel / rows;
     return static_cast<double>(column) * column_cm;
@@ -213,11 +234,14 @@ void add_quantities(Sheet& sheet, const Layout& layout, const Group& group) {
 }  // namespace
 
 std::string plot_over_time(const Group& group, const Plot& plot) {
-  const Legend legend(entries_of(group), Sheet::width_cm(plot) - left_cm - right_cm);
+  auto range = range_of(group);
+  const auto most_stretches = static_cast<std::size_t>(inner_cm_of(group, plot) * stretches_a_cm);
+  std::vector<std::vector<Stretch>> stretches;
+  for (const auto* run : group) stretches.push_back(stretches_of(run->shape, most_stretches));
+  const Legend legend(entries_of(group, stretches, range), Sheet::width_cm(plot) - left_cm - right_cm);
   const Layout layout(group, plot, legend.height_cm());
   const auto end_s = end_of(group);
   const auto [unit, unit_s] = unit_for(end_s);
-  auto range = range_of(group);
   if (counts_of(group).lost > 0)  // room for them above all that was answered
     range.greatest_ms *= std::pow(range.greatest_ms / range.least_ms, 0.12);
 
@@ -227,11 +251,10 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
   legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
   add_quantities(sheet, layout, group);
-  const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
   for (std::size_t i = 0; i < group.size(); ++i) {
     add_texts(sheet, layout, i, unit);
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
-    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, range, most_stretches, unit_s));
+    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, range, stretches[i], unit_s));
   }
   return sheet.commands();
 }

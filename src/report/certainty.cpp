@@ -56,7 +56,7 @@ std::string note_of(const Summary& summary) {
   if (missed.events > 0) {
     const auto& bursts = summary.bursts;
     if (bursts.count == 0) return "never two late or lost in a row";
-    return fmt::format("{} of consecutive late or lost messages; longest: {} messages, {}",
+    return fmt::format("{} of consecutive late or lost messages; longest: {} messages, due within {}",
                        many(bursts.count, "burst", "bursts"), bursts.longest,
                        time(static_cast<double>(bursts.longest_ns)));
   }
@@ -182,8 +182,13 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
 }
 
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{.columns =
-                  columns_of(quantity_of(runs) + " (µs)", {"p50", "p99", "p99.9", "p99.99", "Missed (%)"})};
+  using enum Column::Align;
+  Table table{.columns = {{quantity_of(runs) + " (µs)", left},
+                          {"p50", right, false, 2},
+                          {"p99"},
+                          {"p99.9", right, false, 3},
+                          {"p99.99", right, false, 1},
+                          {"Missed (%)"}}};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->round_trip_certainty;
     if (!of[Figure::p50].sure.low && runs[i]->missed_probability.messages == 0) continue;
@@ -201,11 +206,18 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
 }
 
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
+  using enum Column::Align;
   Table table{"",
               "Extrapolated worst case: the level that 1 in N answers exceeds (extreme-value theory), with "
               "its 95 % confidence interval. Fit, trend: p-values; a small one makes the level doubtful.",
-              columns_of("Slowest (µs)",
-                         {"Seen", "1 in", "Block\nmaxima", "Fit", "Peaks over\nthreshold", "Fit", "Trend"})};
+              {{"Slowest (µs)", left},
+               {"Seen", right, false, 1},
+               {"1 in"},
+               {"Block\nmaxima"},
+               {"Fit", right, false, 3},
+               {"Peaks over\nthreshold"},
+               {"Fit", right, false, 3},
+               {"Trend", right, false, 2}}};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;

@@ -331,7 +331,8 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
 
 // Adds the varied values that no phrase shows yet: "qos.depth" is already in the phrase "qos". The transport
 // begins the label.
-void add_variant(std::string& label, const Summary& summary, const std::vector<Phrase>& phrases) {
+void add_variant(std::vector<std::string>& parts, const Summary& summary,
+                 const std::vector<Phrase>& phrases) {
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
                                          "background", "kernel", "isolation"};
   for (const auto& [key, value] : varied(summary)) {
@@ -340,8 +341,7 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
           const bool is_group = std::ranges::find(groups, phrase.key) != std::end(groups);
           return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
         });
-    if (!told)
-      label.append(" ").append(shortened(printable(fmt::format("{} {}", key, value)), longest_value));
+    if (!told) parts.push_back(shortened(printable(fmt::format("{} {}", key, value)), longest_value));
   }
 }
 
@@ -394,17 +394,18 @@ std::string workers(const conditions::Workers& load) {
   return join(parts, ", ");
 }
 
-std::vector<std::string> labels_without_repetition(const Group& group) {
+std::vector<std::string> labels_without_repetition(const Group& group, std::string_view separator) {
   const auto compared = compare(group);
   std::vector<std::string> labels;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& asked = group[i]->run.asked;
-    labels.push_back(asked.is_listened() ? "" : word(asked.task.transport));
-    const auto transport = labels.back() + " ";
+    const auto transport = asked.is_listened() ? "" : word(asked.task.transport) + " ";
+    std::vector<std::string> parts;
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
-      labels.back() += " " + phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0);
-    add_variant(labels.back(), *group[i], phrases_of(*group[i]));
-    if (labels.back().starts_with(' ')) labels.back().erase(0, 1);
+      parts.push_back(phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0));
+    add_variant(parts, *group[i], phrases_of(*group[i]));
+    auto& label = labels.emplace_back(transport + join(parts, separator));
+    if (label.ends_with(' ')) label.pop_back();
   }
   tell_conditions_apart(labels, group);
   return labels;
@@ -417,8 +418,8 @@ std::vector<std::pair<std::string, Group>> alike(const Group& group) {
   return all;
 }
 
-std::vector<std::string> labels_of(const Group& group) {
-  auto labels = labels_without_repetition(group);
+std::vector<std::string> labels_of(const Group& group, std::string_view separator) {
+  auto labels = labels_without_repetition(group, separator);
   if (std::ranges::none_of(group, [](const auto* summary) { return summary->run.asked.repetition > 1; }))
     return labels;
   for (std::size_t i = 0; i < group.size(); ++i)

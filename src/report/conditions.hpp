@@ -5,6 +5,7 @@
 #include <chrono>
 #include <set>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -13,13 +14,13 @@
 namespace ontime::report {
 
 // A label for each run of a group: its transport, and in words the conditions that differ between the runs.
-// Repetitions have their number.
-std::vector<std::string> labels_of(const Group&);
+// Repetitions have their number. `separator`: between these conditions.
+std::vector<std::string> labels_of(const Group&, std::string_view separator = " ");
 // Repetitions of a run have the same label, and only they.
-std::vector<std::string> labels_without_repetition(const Group&);
-// Equal labels get the number of their run.
+std::vector<std::string> labels_without_repetition(const Group&, std::string_view separator = " ");
 // Repetitions together, by their label, in the order in which their first one ran.
 std::vector<std::pair<std::string, Group>> alike(const Group&);
+// Equal labels get the number of their run.
 void tell_apart(std::vector<std::string>& labels, const Group&);
 std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 

@@ -94,8 +94,8 @@ std::vector<std::string> key_differences(const statistics::Summary& from, const 
     if (field.json.empty()) continue;
     const auto &before = from.run.asked.stated(field.json), &after = to.run.asked.stated(field.json);
     // A record may lack what has its default.
-    const bool are_ours = !from.imported && !to.imported;
-    if (before == after || (are_ours && field.to_json(from.run.asked) == field.to_json(to.run.asked)))
+    const bool may_be_same = !from.imported && !to.imported && (before.is_null() || after.is_null());
+    if (before == after || (may_be_same && field.to_json(from.run.asked) == field.to_json(to.run.asked)))
       continue;
     const auto from_words = words_of(field, before), to_words = words_of(field, after);
     const bool is_told = from_words != to_words;  // by fewer digits they may be the same

@@ -111,7 +111,10 @@ bool has_run_on_both_sides(const Pair& pair) {
 
 std::string why_never(const Comparison& comparison) {
   const auto with_article = [](const std::string& quantity) {
-    return quantity == "Age" ? "an age" : quantity == "Period" ? "a period" : "a round trip";
+    return quantity == "Age"               ? "an age"
+           : quantity == "Period"          ? "a period"
+           : quantity == "Wake-up latency" ? "an imported wake-up latency"
+                                           : "a round trip";
   };
   std::string why;
   for (const auto& from : comparison.only_from)

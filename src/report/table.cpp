@@ -96,8 +96,14 @@ std::vector<std::string> parts_of(const Group& group) {
 
 // For repeated runs: the range of their metrics from run to run.
 Table spread_table(const Group& group, const Summaries& summaries) {
-  Table table{.columns = columns_of(quantity_of(group) + " (µs)",
-                                    {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})};
+  using enum Column::Align;
+  Table table{.columns = {{quantity_of(group) + "\n(µs)", left},
+                          {"Runs", right, false, 2},
+                          {"p50", right, false, 3},
+                          {"p99"},
+                          {"p99.9", right, false, 1},
+                          {"Max"},
+                          {"Missed\n(%)"}}};
   for (const auto& [label, all] : alike(group)) {
     Group runs;
     std::ranges::copy_if(all, std::back_inserter(runs), [&](const auto* run) {

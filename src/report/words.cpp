@@ -24,6 +24,7 @@ const char* word_of(roundtrip::Fate fate) {
 }
 
 const char* quantity_of(const record::Asked& asked) {
+  if (asked.imported) return "Wake-up latency";
   if (!asked.is_listened()) return "Round trip";
   return asked.measures == "age" ? "Age" : "Period";
 }

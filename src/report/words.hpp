@@ -43,7 +43,8 @@ std::string word(const std::string&);     // on one line; `nothing` for an empty
 std::string word(std::optional<std::int64_t>);
 std::string id_of(const record::Asked&);  // on one line, and shortened
 const char* word_of(roundtrip::Fate);     // "on time"
-// The quantity that a run measures: "Round trip", or for listened messages "Age" or "Period".
+// The quantity that a run measures: "Round trip", for listened messages "Age" or "Period", for an imported
+// run "Wake-up latency".
 const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string>& path);  // or ""

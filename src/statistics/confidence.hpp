@@ -75,9 +75,11 @@ struct Certainty {
 
 // Consecutive late or lost messages: these stop a robot's arm.
 struct Bursts {
-  std::uint64_t count = 0;      // of two or more in a row
-  std::uint64_t longest = 0;    // in messages; 1: there were some, but never two in a row
-  std::int64_t longest_ns = 0;  // from when its first message was due until its last was answered or given up
+  std::uint64_t count = 0;    // of two or more in a row
+  std::uint64_t longest = 0;  // in messages; 1: there were some, but never two in a row
+  // From when its first message was due until its last was due: a time-out would hide how long a link was
+  // cut.
+  std::int64_t longest_ns = 0;
 };
 
 // A part of a run: its number of values, and how many of these count as events.

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "conditions/conditions.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::statistics {
@@ -108,12 +109,22 @@ json conditions_of(const Summary& summary) {
   return conditions;
 }
 
-std::vector<std::string> differing_keys(const json& one, const json& other) {
-  std::vector<std::string> keys;
+// The scenario's key of a record's member: "payload" of "payload_bytes", "qos" of all that is in "qos".
+std::string key_of(const std::string& member) {
+  if (member == "others") return "components";
+  for (const auto& key : conditions::keys()) {
+    if (key.json == member) return key.path;
+    if (key.json.starts_with(member + ".")) return key.path.substr(0, key.path.find('.'));
+  }
+  return member;
+}
+
+std::set<std::string> differing_keys(const json& one, const json& other) {
+  std::set<std::string> keys;
   for (const auto& [key, value] : one.items())
-    if (at(other, key.c_str()) != value) keys.push_back(key);
+    if (at(other, key.c_str()) != value) keys.insert(key_of(key));
   for (const auto& [key, value] : other.items())
-    if (!one.contains(key) && !value.is_null()) keys.push_back(key);
+    if (!one.contains(key) && !value.is_null()) keys.insert(key_of(key));
   return keys;
 }
 
@@ -136,7 +147,7 @@ std::size_t likeness(const Summary& one, const Summary& other) {
 const Candidate* find_base(Layer& layer, const std::vector<Candidate>& candidates) {
   const auto conditions = conditions_of(*layer.run);
   std::vector<const Candidate*> best;
-  std::vector<std::string> differing;
+  std::set<std::string> differing;
   for (const auto& candidate : candidates) {
     if (candidate.first->run.asked.id != layer.adds_to || candidate.first == layer.run) continue;
     if (const auto keys = differing_keys(conditions, conditions_of(*candidate.first)); !keys.empty()) {

@@ -15,6 +15,8 @@ using roundtrip::Sample;
 constexpr std::int64_t slices_of_a_run = 1000;  // as long as it was to be
 constexpr std::size_t most_slices = 2000;       // a run that is longer has longer ones
 constexpr std::int64_t second_ns = 1'000'000'000;
+// Of a run of no stated length: they become longer with it. 512 are a second.
+constexpr std::int64_t short_slice_ns = second_ns / 512;
 constexpr double far = 10;            // times as long as all before: slices so long would hide all before
 constexpr std::size_t most_far = 20;  // more messages are no exception
 constexpr std::size_t most_worst = 10;
@@ -52,7 +54,7 @@ void merge(Slice& all, const Slice& other, bool lower) {
 
 Timeline::Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns)
     : start_ns_(start_ns),
-      slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns),
+      slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : short_slice_ns),
       stated_ns_(static_cast<double>(duration_ns.value_or(second_ns))) {}
 
 bool Timeline::is_far(const Sample& sample) const {
@@ -205,9 +207,8 @@ void Misses::message(const Sample& sample) {
   missed_.add(sample.fate != Fate::on_time);
   if (sample.fate == Fate::on_time) return close();
   if (in_a_row_++ == 0) from_ns_ = sample.due_ns;
-  to_ns_ = over_ns(sample, timeout_ns_);
   bursts_.longest = std::max(bursts_.longest, in_a_row_);
-  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, to_ns_));
+  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, sample.due_ns));
 }
 
 void Misses::close() {

@@ -70,8 +70,7 @@ class Pass {
         has_cycles_(asked_.schedule != roundtrip::Schedule::back_to_back),
         parts_(summary.run.outcome),
         timeline_(start_ns, positive_ns(asked_.duration)),
-        worst_(timeout_ns_),
-        misses_(timeout_ns_) {}
+        worst_(timeout_ns_) {}
 
   void message(const Sample& sample) {
     ++summary_.sent;
