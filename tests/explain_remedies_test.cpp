@@ -67,5 +67,30 @@ TEST_F(Remedies, AThreadThatTakesPacketsInHasItsOwnKey) {
                                    Setting{"kernel.napi-cpus", "other CPUs than those of hog"}));
 }
 
+TEST_F(Remedies, FaultsThatTheRunAskedForAreNotBlamedOnTheUsersPacketFilter) {
+  const json link{{"link", {{"loss", 0.02}, {"cut", {{"at_s", 0.5}, {"for_ms", 200}}}}}};
+  const auto dropped = receiver(Cause::dropped, ordinary, "NETFILTER_DROP");
+  EXPECT_THAT(advice(dropped), HasSubstr("nft"));
+  EXPECT_THAT(advice(dropped, {{"link", {{"delay_us", 1000}}}}), HasSubstr("nft"))
+      << "needs no packet filter";
+  EXPECT_THAT(advice(dropped, link), AllOf(HasSubstr("link.loss or link.cut"), Not(HasSubstr("nft"))));
+  EXPECT_THAT(advice(dropped, {{"link", {{"loss", 0.02}}}}),
+              AllOf(HasSubstr("link.loss"), Not(HasSubstr("link.cut"))));
+  const auto softirqs = receiver(Cause::interrupts, ordinary, "NET_RX");
+  EXPECT_THAT(advice(softirqs), HasSubstr("nft"));
+  EXPECT_THAT(advice(softirqs, link), AllOf(HasSubstr("link.loss"), Not(HasSubstr("nft"))));
+  EXPECT_EQ(settings(softirqs, link), settings(softirqs)) << "CPUs of interrupts help as before";
+}
+
+TEST_F(Remedies, QueueThatTheRunAskedForIsNotBlamedOnTheMachine) {
+  const auto queue = receiver(Cause::queue, ordinary, "eth0");
+  EXPECT_THAT(advice(queue), HasSubstr("tc "));
+  EXPECT_THAT(advice(queue, {{"link", {{"loss", 0.02}}}}), HasSubstr("tc "));
+  EXPECT_THAT(advice(queue, {{"link", {{"delay_us", 1000}, {"jitter_us", 500}}}}),
+              AllOf(HasSubstr("link.delay with link.jitter"), Not(HasSubstr("tc "))));
+  EXPECT_THAT(advice(receiver(Cause::dropped, ordinary, "QDISC_DROP"), {{"link", {{"qdisc", "fq"}}}}),
+              HasSubstr("link.qdisc"));
+}
+
 }  // namespace
 }  // namespace ontime::explain

@@ -32,6 +32,16 @@ TEST(Distribution, QuantilesAreWithinTheirBounds) {
   EXPECT_EQ(values.quantile_ns(1), 100'000'000);
 }
 
+TEST(Distribution, QuantileOfAPeriodicTopicIsItsPeriod) {
+  for (const auto ms : {1, 2, 5, 10, 20, 50, 100}) {
+    Distribution values;
+    for (int i = 0; i < 100; ++i) values.add(ms * 1'000'000LL + (i % 2 == 0 ? 500 : -500));
+    values.add(1'000'000'000);
+    EXPECT_NEAR(static_cast<double>(values.quantile_ns(0.5)), ms * 1e6, 500);
+    EXPECT_NEAR(static_cast<double>(values.values().front().first), ms * 1e6, 500);
+  }
+}
+
 TEST(Distribution, CountsOfMonthsAreHeld) {
   Distribution values;
   values.add(1000);

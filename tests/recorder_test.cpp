@@ -261,5 +261,15 @@ TEST(Clock, TimeBefore1970HasMillisecondsOfItsSecond) {
   EXPECT_THAT(clock_of(-1'750'000'000), ::testing::EndsWith(":58.250"));
 }
 
+TEST(ListenWords, QuantilesHaveThreeDigitsAndTheMaximumHasAll) {
+  EXPECT_EQ(in_rounded_ms(9'999'500), "10.0");
+  EXPECT_EQ(in_rounded_ms(999'900), "1.00");
+  EXPECT_EQ(in_rounded_ms(12'345), "0.012");
+  EXPECT_EQ(in_rounded_ms(123'456'000), "123");
+  listen::Flow periodic;
+  for (int i = 0; i < 100; ++i) periodic.period.add(9'999'500);
+  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("p50 10.0 p99 10.0 max"));
+}
+
 }  // namespace
 }  // namespace ontime::app

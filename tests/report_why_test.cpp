@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Why messages were late or lost: on the page, and for Perfetto.
 #include <algorithm>
+#include <regex>
 #include <set>
+
+#include <fmt/format.h>
 
 #include "page/page.hpp"
 #include "page/parts.hpp"
@@ -467,7 +470,8 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   one.run.outcome = nlohmann::json{{"causes", {{"seen", 6}, {"not_seen", 1}}}};
   const auto text = render_explained({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("5 of 8 late messages"));
-  EXPECT_THAT(text, AllOf(HasSubstr("cause not seen: 1"), HasSubstr("no space"), HasSubstr("not examined")));
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("cause not seen: 1"), HasSubstr("in the file"), HasSubstr("not examined")));
   EXPECT_EQ(counts(),
             nlohmann::json({{"not_seen", 1}, {"no_space", 1}, {"not_examined", 1}, {"unknown", 0}}));
   one.notes.clear();
@@ -476,6 +480,46 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
   one.account.late = 5;
   EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
+}
+
+TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 4;
+  const auto add = [&](const std::string& took, const std::string& hog, const std::string& waited, int cpu,
+                       std::uint64_t message) {
+    const auto text = fmt::format(
+        "{} ms old (limit 5 ms): node [7] (thread recv), SCHED_OTHER, waited for a CPU while {} ran: {} ms, "
+        "CPU {}; fix: SCHED_FIFO for node [7] (chrt -a -f -p 50 7), or other CPUs for {} (taskset)",
+        took, hog, waited, cpu, hog);
+    one.notes.push_back({record::cause_of_late, text, static_cast<std::int64_t>(message), message});
+  };
+  add("16.1", "idler [9]", "15.0", 1, 4);
+  add("34.4", "hog [21]", "17.1", 1, 12);
+  add("6.1", "hog [22]", "4.0", 0, 8);
+  add("20.0", "hog", "15.9", 1, 30);  // it ended before its process was found
+  const auto text = render_explained({one}, Format::table);
+  for (const auto& line : table::split(text, '\n')) EXPECT_LE(table::width_of(line), 80) << line;
+  const auto one_line = std::regex_replace(text, std::regex("\\s+"), " ");
+  EXPECT_THAT(one_line, HasSubstr(" 3 6.1 to 34.4 ms old (limit 5 ms): node [7] (thread recv)"));
+  EXPECT_THAT(one_line, HasSubstr("while hog ran: 4.0 to 17.1 ms; first: message 8 →"));
+  EXPECT_THAT(one_line, HasSubstr(" 1 16.1 ms old"));
+  EXPECT_THAT(one_line, HasSubstr("while idler [9] ran: 15.0 ms, CPU 1; message 4 →"));
+  EXPECT_THAT(text, HasSubstr("(chrt -a -f -p 50 7)")) << "a command stays on one line";
+  EXPECT_LT(text.find("6.1 to"), text.find("16.1 ms")) << "most messages first";
+  EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
+}
+
+TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  const std::string text = "  6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it";
+  for (const auto* const second : {"01", "02"})
+    one.notes.push_back({record::cause_of_late, std::string("2026-11-27 14:00:") + second + text, {}, {}});
+  const auto one_line = std::regex_replace(render_explained({one}, Format::table), std::regex("\\s+"), " ");
+  EXPECT_THAT(one_line, HasSubstr(" 2 6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it; "
+                                  "2026-11-27 14:00:01 "));
 }
 
 }  // namespace

@@ -63,7 +63,17 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
 // stays.
 std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
   auto notes = reader.notes(run.number);
-  if (!run.asked.keeps_worst()) return notes;
+  if (!run.asked.is_listened()) return notes;
+  if (!run.asked.keeps_worst()) {
+    std::map<std::int64_t, record::Note*> taken;  // by when its message was taken
+    for (auto& note : notes)
+      if (note.at_ns && note.kind == record::cause_of_late) taken[*note.at_ns] = &note;
+    reader.each_sample(run.number, [&](const auto& sample) {
+      if (const auto found = taken.find(sample.received_ns); found != taken.end())
+        found->second->message = sample.index;
+    });
+    return notes;
+  }
   std::map<std::uint64_t, std::int64_t> values_ns;
   reader.each_sample(run.number, [&](const auto& sample) {
     if (sample.fate == roundtrip::Fate::late) values_ns[sample.index] = sample.received_ns - sample.sent_ns;

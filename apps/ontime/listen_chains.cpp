@@ -47,10 +47,9 @@ listen::ChainWish chain_of(const std::string& text) {
 // Cuts the end of a long name: a wrapped line is harder to read.
 std::string line(const std::string& text) { return table::shortened(text, text_width - 1) + "\n"; }
 
-std::string number(std::int64_t ns) { return fmt::format("{:>8}", in_ms(ns)); }
-
 std::string spread(const listen::Distribution& values) {
-  return number(values.quantile_ns(0.5)) + number(values.quantile_ns(0.99)) + number(values.max_ns());
+  return fmt::format("{:>8}{:>8}{:>8}", in_rounded_ms(values.quantile_ns(0.5)),
+                     in_rounded_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
 }
 
 std::string topic_name(const listen::ChainWish& wish, std::size_t topic) {

@@ -23,8 +23,8 @@ std::string topic_of(const std::string& topic) {
 
 std::string spread_of(const listen::Distribution& values) {
   return values.count() == 0 ? "unknown"
-                             : fmt::format("p50 {} p99 {} max {} ms", in_ms(values.quantile_ns(0.5)),
-                                           in_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
+                             : fmt::format("p50 {} p99 {} max {} ms", in_rounded_ms(values.quantile_ns(0.5)),
+                                           in_rounded_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
 }
 
 const char* start_of_age(listen::AgeFrom from) {
@@ -70,6 +70,11 @@ std::string labelled(const std::string& label, const std::string& text) {
 std::string in_ms(std::int64_t ns) {
   const auto ms = static_cast<double>(ns) / 1e6;
   return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
+}
+
+std::string in_rounded_ms(std::int64_t ns) {
+  const auto ms = static_cast<double>(ns) / 1e6;
+  return fmt::format("{:.{}f}", ms, ms < 0.9995 ? 3 : ms < 9.995 ? 2 : ms < 99.95 ? 1 : 0);
 }
 
 std::string clock_of(std::int64_t at_ns) {

@@ -13,7 +13,9 @@ namespace ontime::app {
 
 // As labelled() of output.hpp, for what follows the flows.
 std::string labelled(const std::string& label, const std::string& text);
-std::string in_ms(std::int64_t ns);                               // "0.123", "12.34", "123.4"
+std::string in_ms(std::int64_t ns);  // "0.123", "12.34", "123.4"
+// Of a quantile, without digits that a Distribution does not have: "0.123", "1.23", "12.3", "123".
+std::string in_rounded_ms(std::int64_t ns);
 std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"

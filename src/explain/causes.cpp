@@ -226,15 +226,52 @@ std::string sentence_of_lost(const Part& part) {
   return fmt::format("unknown: no event shows that its packet left {} side", possessive(part.end));
 }
 
+// The keys that are set, joined by that word; empty: none is.
+std::string set_ones(const std::vector<std::pair<const char*, bool>>& keys, const char* joint) {
+  std::string text;
+  for (const auto& [key, is_set] : keys)
+    if (is_set) text += (text.empty() ? "" : joint) + std::string(key);
+  return text;
+}
+
+bool is_work_on_packets(const Part& part) {
+  return (part.cause == Cause::interrupts && is_of(softirqs_of_network, part.culprit)) ||
+         (part.cause == Cause::busy && (part.stage == Stage::left || part.stage == Stage::travelled));
+}
+
+// Faults of the link that the run asked for. ontime makes them with rules of the packet filter and with
+// queueing disciplines, which are gone after the run: advice on the user's own ones would be wrong. Empty:
+// the run asked for no fault that explains this part.
+std::string advice_on_asked_faults(const Part& part, const conditions::Faults& faults) {
+  const bool is_dropped = part.cause == Cause::dropped;
+  const auto of_scenario = [](const std::string& keys, const char* what) {
+    return keys.empty() ? "" : fmt::format("the scenario's own {} {}", keys, what);
+  };
+  if (is_dropped && part.culprit.starts_with("NETFILTER"))
+    return of_scenario(set_ones({{"link.loss", faults.loss > 0}, {"link.cut", faults.cut}}, " or "),
+                       "dropped it");
+  if (part.cause == Cause::queue || (is_dropped && part.culprit.starts_with("QDISC")))
+    return of_scenario(set_ones({{"link.delay", faults.delay.count() > 0},
+                                 {"link.jitter", faults.jitter.count() > 0},
+                                 {"link.reorder", faults.reordered > 0},
+                                 {"link.qdisc", !faults.qdisc.empty()}},
+                                " with "),
+                       "made this queue");
+  if (is_work_on_packets(part))
+    return of_scenario(set_ones({{"link.loss", faults.loss > 0},
+                                 {"link.cut", faults.cut},
+                                 {"link.duplicate", faults.duplicates > 0}},
+                                " with "),
+                       "added packet filter rules");
+  return "";
+}
+
 std::string advice_for(const Part& part) {
   if (!part.via.empty() && part.cause == Cause::cpu)
     return "a mutex with priority inheritance (PTHREAD_PRIO_INHERIT), or a higher priority for " + part.via;
   if (part.cause == Cause::interrupts && part.culprit == timer_interrupt)
     return "no setting moves a CPU's timer interrupt; if it takes milliseconds, a hypervisor paused the CPU";
-  if (part.cause == Cause::interrupts && is_of(softirqs_of_network, part.culprit))
-    return "use fewer packet filter rules: nft list ruleset";
-  if (part.cause == Cause::busy && (part.stage == Stage::left || part.stage == Stage::travelled))
-    return "use fewer packet filter rules: nft list ruleset";
+  if (is_work_on_packets(part)) return "use fewer packet filter rules: nft list ruleset";
   return filled(row_of(part.cause).advice, part);
 }
 
@@ -282,11 +319,13 @@ std::string advice_of(const Part& part, const std::string& whose) {
 
 Remedy remedy_for(const Part& part, const record::Run& run) {
   if (part.cause == Cause::cpu && part.stage == Stage::travelled) return of_kernel_thread(part);
+  const auto asked_for = advice_on_asked_faults(part, run.asked.faults);
+  if (!asked_for.empty() && !is_work_on_packets(part)) return {{}, asked_for};
   if (part.cause == Cause::dropped)
     for (const auto& [reason, advice, settings] : drops)
       if (part.culprit.starts_with(reason)) return {settings, advice};
   if (const auto remedy = remedy_of_callbacks(part, run)) return *remedy;
-  Remedy remedy{{}, advice_for(part)};
+  Remedy remedy{{}, asked_for.empty() ? advice_for(part) : asked_for};
   for (const auto& setting : row_of(part.cause).settings) {
     if (!can_help(setting.key, part)) continue;
     if (stated(run.asked, setting.key) != setting.value)

@@ -2,8 +2,10 @@
 #include "report/explained.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <iterator>
 #include <map>
+#include <regex>
 #include <string_view>
 #include <utility>
 
@@ -75,6 +77,120 @@ WithoutCause without_cause(const Explained& one) {
   return counts;
 }
 
+// Late messages of `ontime listen` with the same cause: their texts differ only in times and in details.
+struct SameCause {
+  std::vector<const record::Note*> notes{};
+  // Of each time in the text, the shortest and the longest, in ms.
+  std::vector<std::pair<double, double>> times{};
+  bool has_same_details = true;  // all of them
+  std::vector<std::string> details{};
+};
+
+// "2026-11-25 03:50:43  ", before the text of a note of weeks; else empty.
+std::string date_of(const std::string& text) {
+  static const std::regex date(R"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  )");
+  std::smatch found;
+  return std::regex_search(text, found, date, std::regex_constants::match_continuous) ? found.str() : "";
+}
+std::string undated(const std::string& text) { return text.substr(date_of(text).size()); }
+
+// Calls the functions with the pieces of a text that `ontime listen` noted, in order: what is equal for the
+// same cause, the number of a time in ms, and a detail: a CPU, the number of a process other than the
+// late one.
+template <class Equal, class Time, class Detail>
+void each_piece(const std::string& text, const Equal& equal, const Time& time, const Detail& detail) {
+  static const std::regex varies(R"(\b\d{1,9}\.\d(?= ms)|, CPU \d{1,5}| \[\d{1,10}\])");
+  std::string late_one;
+  auto rest = text.begin();
+  for (std::sregex_iterator next(text.begin(), text.end(), varies), end; next != end; ++next) {
+    equal(std::string(rest, (*next)[0].first));
+    rest = (*next)[0].second;
+    const auto piece = next->str();
+    if (piece.starts_with(" [") && late_one.empty()) late_one = piece;
+    if (piece == late_one)
+      equal(piece);
+    else if (piece.find_first_not_of("0123456789.") == piece.npos)
+      time(std::strtod(piece.c_str(), nullptr));
+    else
+      detail(piece);
+  }
+  equal(std::string(rest, text.end()));
+}
+
+// The most messages first.
+std::vector<SameCause> same_causes_of(const std::vector<record::Note>& notes) {
+  std::vector<SameCause> all;
+  std::map<std::string, std::size_t> places;
+  for (const auto& note : notes) {
+    std::string key;
+    std::vector<double> times;
+    std::vector<std::string> details;
+    each_piece(
+        undated(note.text), [&](const std::string& piece) { key += piece; },
+        [&](double ms) {
+          key += '\0';
+          times.push_back(ms);
+        },
+        [&](const std::string& piece) { details.push_back(piece); });
+    const auto [place, is_new] = places.try_emplace(key, all.size());
+    if (is_new) {
+      all.push_back({.details = details});
+      for (const auto ms : times) all.back().times.emplace_back(ms, ms);
+    }
+    auto& same = all[place->second];
+    same.notes.push_back(&note);
+    same.has_same_details = same.has_same_details && details == same.details;
+    for (std::size_t i = 0; i < times.size(); ++i)
+      same.times[i] = {std::min(same.times[i].first, times[i]), std::max(same.times[i].second, times[i])};
+  }
+  std::ranges::stable_sort(all, std::ranges::greater(), [](const auto& same) { return same.notes.size(); });
+  return all;
+}
+
+// The blanks of commands, so that a command can be copied from one line.
+constexpr const char* blank_of_command = "\u00a0";
+
+std::string with_whole_commands(const std::string& text) {
+  std::string whole;
+  bool is_command = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    is_command = text.compare(i, 6, "(chrt ") == 0 || (is_command && text[i] != ')');
+    whole += is_command && text[i] == ' ' ? blank_of_command : std::string(1, text[i]);
+  }
+  return whole;
+}
+
+std::string with_blanks(std::string text) {
+  for (auto at = text.find(blank_of_command); at != text.npos; at = text.find(blank_of_command, at))
+    text.replace(at, std::string_view(blank_of_command).size(), " ");
+  return text;
+}
+
+std::string text_of(const SameCause& same, const Marks& marks) {
+  std::string text;
+  auto time = same.times.begin();
+  each_piece(
+      undated(same.notes.front()->text), [&](const std::string& piece) { text += piece; },
+      [&](double) {
+        const auto [least, most] = *time++;
+        text += least == most ? fmt::format("{:.1f}", most) : fmt::format("{:.1f} to {:.1f}", least, most);
+      },
+      [&](const std::string& piece) { text += same.has_same_details ? piece : ""; });
+  const std::string before_fix = "; fix: ";
+  const auto fix = text.find(before_fix);
+  const auto* const first = *std::ranges::min_element(
+      same.notes, {}, [](const record::Note* note) { return note->at_ns.value_or(0); });
+  auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(text.substr(0, fix)));
+  if (first->message)
+    lines += fmt::format("; {}message {}", same.notes.size() > 1 ? "first: " : "", *first->message);
+  if (const auto date = date_of(first->text); !date.empty()) lines += "; " + date.substr(0, date.find("  "));
+  lines += "\n";
+  if (fix != text.npos)
+    lines += fmt::format("{}{}\n", marks.below,
+                         with_whole_commands(printable(text.substr(fix + before_fix.size()))));
+  return lines;
+}
+
 std::string text_of_listened(const Explained& one, const Marks& marks) {
   std::vector<record::Note> told;
   std::ranges::copy_if(one.notes, std::back_inserter(told), tells_of_late);
@@ -98,10 +214,12 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                      {"cause not seen or not recorded", without.unknown}})
     if (count > 0) text += fmt::format("; {}: {}", words, count);
   text += fmt::format("{}\n", marks.heading);
-  for (std::size_t i = 0; i < std::min(most_told, told.size()); ++i)
-    text += fmt::format("{}{}\n", marks.item, printable(told[i].text));
-  if (told.size() > most_told)
-    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item, told.size() - most_told);
+  if (*marks.heading != '\0') text += "\n";
+  const auto causes = same_causes_of(told);
+  for (std::size_t i = 0; i < std::min(most_told, causes.size()); ++i) text += text_of(causes[i], marks);
+  if (causes.size() > most_told)
+    text += fmt::format("{}… and {} more causes (--format json has all)\n", marks.item,
+                        causes.size() - most_told);
   return text;
 }
 
@@ -288,11 +406,8 @@ std::string render_explained(const std::vector<Explained>& all, Format format, s
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "\n") + more; };
   const auto without = std::ranges::count_if(all, is_untraced);
   for (const auto& one : all)
-    if (without < 2 || !is_untraced(one)) {
-      auto own = text_of(one, marks_of(format));
-      // The commands of listened messages stay whole, as `ontime listen` prints them.
-      add(one.run.asked.is_listened() ? std::move(own) : fitted(std::move(own), format, columns));
-    }
+    if (without < 2 || !is_untraced(one))
+      add(with_blanks(fitted(text_of(one, marks_of(format)), format, columns)));
   if (without > 1)  // one sentence for all of them
     add(std::cmp_equal(without, all.size())
             ? fmt::format(
