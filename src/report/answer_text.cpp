@@ -91,8 +91,7 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
                           cell_of(row.p50, false), cell_of(row.p99, true),
                           row.max_ns ? milliseconds(*row.max_ns) : nothing, word_of(row)});
   }
-  // Ids and names share what the numbers leave; they get at least so much that a narrow terminal loses
-  // columns first.
+  // Names tell runs apart: where an id leaves no space for them, it stands on a line of its own.
   constexpr std::size_t gap = 2, id = 0, name = 1;
   const auto width_of_column = [&](std::size_t column) {
     std::size_t widest = 0;
@@ -106,12 +105,12 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
   const auto left_by = [&](std::size_t taken) {
     return width > numbers + taken ? width - numbers - taken : 0;
   };
-  const auto id_width = std::min(width_of_column(id), std::max(width / 4, left_by(width_of_column(name))));
-  const auto name_width = std::max(width * 2 / 5 + gap - std::min(id_width, width / 4), left_by(id_width));
-  for (auto& row : table.rows) {
-    row[id] = shortened(row[id], id_width);
-    row[name] = shortened(row[name], name_width);
-  }
+  // So much that a narrow terminal loses columns first.
+  const auto name_width = std::max(width * 3 / 20 + gap, left_by(0));
+  for (auto& row : table.rows) row[name] = shortened(row[name], name_width);
+  if (const auto id_width = std::max(width / 4, left_by(width_of_column(name)));
+      id_width + width_of_column(name) + numbers <= width)
+    for (auto& row : table.rows) row[id] = shortened(row[id], id_width);
   return table;
 }
 
@@ -171,11 +170,19 @@ std::string text_of(const Answer& answer, std::size_t width) {
     taken = lines_in(text, width) + lines_in(rest, width) + header;
     if (taken + answer.rows.size() <= screen_lines) break;
   }
-  const std::size_t free = taken + 3 < screen_lines ? screen_lines - taken : 3;
-  const auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
-  auto table = table::as_text({.tables = {table_of(answer.rows, worst_of(answer.rows, most), width)}}, width);
-  table.pop_back();  // the empty line after it
-  text += table;
+  constexpr std::size_t fewest_rows = 2;
+  const std::size_t free =
+      taken + fewest_rows + note < screen_lines ? screen_lines - taken : fewest_rows + note;
+  auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
+  for (;; --most) {  // an id may take a line, too
+    auto table =
+        table::as_text({.tables = {table_of(answer.rows, worst_of(answer.rows, most), width)}}, width);
+    table.pop_back();  // the empty line after it
+    const auto lines = lines_in(table, width) - header + (most < answer.rows.size() ? note : 0);
+    if (lines > free && most > fewest_rows) continue;
+    text += table;
+    break;
+  }
   if (const auto more = answer.rows.size() - most; more > 0)
     text += fmt::format("… and {}, none worse\n", many(more, "more row", "more rows"));
   return text + rest;
