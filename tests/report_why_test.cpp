@@ -510,6 +510,19 @@ TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
   EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
 }
 
+TEST(OwnMessages, AnotherNumberOfCulpritsIsNoOtherCause) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  for (const auto* const others : {"7", "9"})
+    one.notes.push_back({record::cause_of_late,
+                         fmt::format("6.0 ms old: a [7] waited while {} others (longest: b) ran", others),
+                         {},
+                         {}});
+  EXPECT_THAT(render_explained({one}, Format::table),
+              HasSubstr("2  6.0 ms old: a [7] waited while others (longest"));
+}
+
 TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};

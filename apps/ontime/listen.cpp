@@ -35,6 +35,8 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
+// A share of a CPU over less time says nothing.
+constexpr auto least_for_cost = 1s;
 
 // From a day on, recording every message would fill a disk.
 constexpr auto most_whole = 24h;
@@ -376,6 +378,7 @@ class Listening {
   }
 
   std::chrono::nanoseconds listened() const { return std::chrono::steady_clock::now() - listens_since_; }
+  bool has_cost() const { return listened() >= least_for_cost; }
   double share_of_cpu(double ns) const { return ns / static_cast<double>(listened().count()); }
 
   // With the thread that reads the kernel's events.
@@ -384,14 +387,15 @@ class Listening {
   }
 
   ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
-    ordered_json json{{"ontime_cpu_share", own_share_of_cpu()},
+    const auto share = [this](double of_cpu) { return has_cost() ? ordered_json(of_cpu) : ordered_json(); };
+    ordered_json json{{"ontime_cpu_share", share(own_share_of_cpu())},
                       {"probes", nullptr},
                       {"budget", budget_ ? budget_->json() : ordered_json()}};
     if (cost)
       json["probes"] = {{"publishes", cost->publishes}, {"publish_ns", cost->publish_ns},
                         {"takes", cost->takes},         {"take_ns", cost->take_ns},
                         {"turns", cost->turns},         {"stepped", cost->stepped},
-                        {"step_ns", cost->step_ns},     {"cpu_share", share_of_cpu(cost->total_ns())}};
+                        {"step_ns", cost->step_ns},     {"cpu_share", share(share_of_cpu(cost->total_ns()))}};
     return json;
   }
 
@@ -405,6 +409,7 @@ class Listening {
   }
 
   std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
+    if (!has_cost()) return "";
     auto text = fmt::format("ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
     if (cost)
       text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",

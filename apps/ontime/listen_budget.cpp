@@ -10,6 +10,7 @@
 #include "campaign/campaign.hpp"
 #include "listen_words.hpp"
 #include "output.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -78,8 +79,12 @@ void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explaine
 
 std::string ListenBudget::text() const {
   if (!budget_) return "";
-  auto text = fmt::format("{:g} % of one CPU", 100 * share_);
-  if (!measures_probes_) text += " without the probes (ontime cannot measure their cost on this machine)";
+  auto text = fmt::format(
+      "{:g} % of one CPU for ontime {}; what it allows for {} s may be used at once: a short time may use "
+      "more",
+      100 * share_,
+      measures_probes_ ? "and probes together" : "without probes (this machine cannot measure their cost)",
+      std::chrono::floor<std::chrono::seconds>(listen::Budget::balanced_within).count());
   if (!dropped_kernel_events_ && budget_->pauses() == 0)
     return labelled("budget", text + "; nothing was left out");
   if (dropped_kernel_events_) text += "; recording of kernel events stopped";
@@ -89,8 +94,8 @@ std::string ListenBudget::text() const {
 
 std::string ListenBudget::of_pauses() const {
   if (!budget_ || budget_->pauses() == 0) return "";
-  return fmt::format("listened {:.0f} % of the time, with {} pauses; losses during pauses are unknown",
-                     100 * budget_->listened_share(now()), budget_->pauses());
+  return fmt::format("listened {:.0f} % of the time, with {}; losses during pauses are unknown",
+                     100 * budget_->listened_share(now()), table::many(budget_->pauses(), "pause", "pauses"));
 }
 
 nlohmann::ordered_json ListenBudget::json() const {

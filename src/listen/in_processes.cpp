@@ -123,6 +123,10 @@ class InProcesses final : public Sensor {
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
+    if (findings.cost && findings.cost->stepped > 0)
+      findings.remarks.push_back(
+          fmt::format("no cheap place for a probe in {}: {} calls took about {:.0f} µs more each",
+                      fmt::join(costly_, ", "), findings.cost->stepped, findings.cost->step_ns / 1e3));
     if (clock_was_set_ > 0)
       findings.remarks.push_back(fmt::format(
           "the clock was set, or the machine slept, {} times, the last time by {:.3f} s. Ages and losses "
@@ -361,9 +365,7 @@ class InProcesses final : public Sensor {
         attach(wish.function, wish.on_call, *entry, false, cookie_of(wish, entry->registers, is_cheap));
         if (!is_cheap) costly.insert(plain(wish.function));
       }
-      if (!costly.empty())
-        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs about 10 µs more",
-                           mapping.name, fmt::join(costly, ", ")));
+      costly_.merge(costly);
     } catch (const Error& error) {
       own.clear();
       is_set = false;
@@ -475,6 +477,7 @@ class InProcesses final : public Sensor {
   std::map<std::uint32_t, OfProcess> of_process_;
   std::set<std::uint32_t> ros_;  // processes that have mapped an rmw
   std::set<std::string> remarks_;
+  std::set<std::string> costly_;  // functions where the kernel steps over the instruction under the probe
   std::chrono::steady_clock::time_point look_at_;
   std::int64_t realtime_ahead_ns_ = machine::realtime_offset_ns(), clock_read_ns_ = now_ns();
   std::uint64_t clock_was_set_ = 0;

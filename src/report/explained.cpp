@@ -95,11 +95,12 @@ std::string date_of(const std::string& text) {
 std::string undated(const std::string& text) { return text.substr(date_of(text).size()); }
 
 // Calls the functions with the pieces of a text that `ontime listen` noted, in order: what is equal for the
-// same cause, the number of a time in ms, and a detail: a CPU, the number of a process other than the
-// late one.
+// same cause, the number of a time in ms, and a detail: a CPU, how many other threads ran, the number of a
+// process other than the late one.
 template <class Equal, class Time, class Detail>
 void each_piece(const std::string& text, const Equal& equal, const Time& time, const Detail& detail) {
-  static const std::regex varies(R"(\b\d{1,9}\.\d(?= ms)|, CPU \d{1,5}| \[\d{1,10}\])");
+  static const std::regex varies(
+      R"(\b\d{1,9}\.\d(?= ms)|, CPU \d{1,5}| \[\d{1,10}\]| \d{1,5}(?= others \())");
   std::string late_one;
   auto rest = text.begin();
   for (std::sregex_iterator next(text.begin(), text.end(), varies), end; next != end; ++next) {

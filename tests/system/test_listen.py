@@ -261,6 +261,25 @@ class Listen(Robot):
         gaps = [after[1] - before[1] for before, after in zip(taken, taken[1:])]
         self.assertLess(flow["period"]["max_ns"], max(gaps) + 10_000_000)
 
+    def test_listener_that_is_interrupted_soon_states_no_cost(self):
+        listener = subprocess.Popen([ONTIME, "listen"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(lambda: (listener.kill(), listener.wait(), listener.stdout.close(), listener.stderr.close()))
+        caught = lambda: int(pathlib.Path(f"/proc/{listener.pid}/status").read_text().split("SigCgt:")[1].split()[0], 16)
+        self.assertTrue(eventually(lambda: caught() >> (signal.SIGINT - 1) & 1))
+        listener.send_signal(signal.SIGINT)
+        said = listener.communicate(timeout=60)[0]
+        is_short = float(re.search(r"for ([0-9.]+) s", said)[1]) < 1
+        self.assertEqual("cost " in said, not is_short, said)
+
+    def test_costly_functions_are_named_only_if_they_were_called(self):
+        nodes = self.pair(1000)
+        code, seen = self.end(self.listen(nodes, "/cmd_vel"), *nodes)
+        named = [remark for remark in seen["remarks"] if "cheap" in remark]
+        stepped = seen["cost"]["probes"]["stepped"]
+        self.assertEqual(len(named), 1 if stepped else 0, seen["remarks"])
+        for remark in named:
+            self.assertIn(f" {stepped} ", remark)
+
     def test_nothing_remains_after_kill_9(self):
         publisher, taker = nodes = self.pair(100)
         listener = self.listen(nodes)
