@@ -423,6 +423,43 @@ TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
   EXPECT_THAT(answer_of({runs[0]}, kept).sentence, HasSubstr(" A requirement was missed."));
 }
 
+TEST(Answer, MissedRequirementsComeBeforeOpenOnesWhichAreOneCaution) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}), run(3, "c", "udp", {})};
+  runs[0].notes.push_back({gate::open_note, "open: p99 <= 5 ms: 100 messages", {}, {}});
+  runs[1].notes.push_back({gate::open_note, "open: p99 <= 5 ms: 101 messages", {}, {}});
+  runs[2].notes.push_back({gate::open_note, "open: p99 <= 5 ms: 102 messages", {}, {}});
+  runs[2].notes.push_back({gate::missed_note, "FAIL: lost <= 0", {}, {}});
+  const auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.cautions[0], HasSubstr("FAIL: lost <= 0"));
+  EXPECT_THAT(answer.cautions[1], AllOf(HasSubstr("3 requirements"), HasSubstr("p99 <= 5 ms: 100 messages")));
+  EXPECT_THAT(answer.cautions, Not(Contains(HasSubstr("101 messages"))));
+  const auto rows = json_of(answer).at("rows");
+  EXPECT_EQ(rows.at(0).at("requirement"), "open");
+  EXPECT_EQ(rows.at(2).at("requirement"), "FAIL");
+  EXPECT_EQ(rows.at(2).at("state"), "ok");
+  EXPECT_THAT(text_of(answer, 80), AllOf(HasSubstr("  open\n"), HasSubstr("  FAIL\n")));
+}
+
+TEST(Answer, NamesThatTellRowsApartAreNotCut) {
+  std::vector<Summary> runs;
+  for (const int payload : {100, 10'000})
+    for (const auto* component : {"arm", "base"}) {
+      runs.push_back(run(std::ssize(runs) + 1, "a-rather-long-name-for-a-condition", "cyclonedds", {}));
+      amend(runs.back().run.asked, {{"payload_bytes", payload}, {"variant", component}});
+    }
+  const auto text = text_of(answer_of(runs, kept), 80);
+  for (const auto* name : {"100 B arm", "100 B base", "10000 B arm", "10000 B base"})
+    EXPECT_THAT(text, HasSubstr(name));
+  EXPECT_THAT(text, HasSubstr("\na-rather-long-name-for-a-condition"));
+}
+
+TEST(Answer, SentenceNamesTheStressThatOtherRunsLack) {
+  std::vector runs{run(1, "a", "udp", {}, 200), run(2, "b", "udp", {})};
+  amend(runs[0].run.asked, "/link/loss", 0.2);
+  EXPECT_THAT(answer_of(runs, kept).sentence,
+              AllOf(StartsWith("With link faults"), HasSubstr("without link faults")));
+}
+
 TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {
   auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
   amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");

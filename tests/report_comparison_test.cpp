@@ -94,6 +94,14 @@ TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
   EXPECT_THAT(text, HasSubstr("period: 10000 → 10000.0001"));
 }
 
+TEST(Compare, NearestNamesNoKeyThatARecordOnlyLeavesOut) {
+  std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1)};
+  amend(a[0].run.asked, {{"link", {{"loss", 0}}}, {"deadline_us", 5'000}});
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("deadline: 5 ms"));
+  EXPECT_THAT(text, Not(HasSubstr("link.loss")));
+}
+
 TEST(Compare, NameOfAnyLengthLeavesTheLineReadable) {
   const std::string endless(100'000, 'x');
   const auto text = render(compare({run(endless, "k1", 1)}, {run(endless, "k2", 1)}), {}, Format::table);

@@ -148,8 +148,7 @@ std::string not_seen(const Gate& gate, const Summary& run) {
   return "";
 }
 
-std::string why_open(const statistics::Measured& found, const Summary& run) {
-  if (auto shift = statistics::shift_text(run); !shift.empty()) return shift;
+std::string why_open(const statistics::Measured& found) {
   return *found.open != '\0' ? fmt::format("{}: measure longer", found.open) : too_few;
 }
 
@@ -338,8 +337,9 @@ Judgement judge(const Gate& gate, const Summary& run) {
     says += "; " + slower_words(question->of);
   }
   if (answer == Answer::cannot_tell) {
-    const auto why = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found, run);
-    if (!why.empty()) return open(says + ": " + why);
+    const auto short_by = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found);
+    const auto shift = statistics::shift_text(run);
+    if (!short_by.empty()) return open(says + ": " + (shift.empty() ? short_by : shift));
   }
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
   if (const auto shift = statistics::shift_text(run); !judged.is_sure && !shift.empty())

@@ -303,10 +303,11 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       for (const auto run : remark.runs) places_of_open.push_back(row_of_run[run]);
     }
   if (!texts_of_open.empty())
-    about(places_of_open, texts_of_open.size() == 1
-                              ? texts_of_open.front()
-                              : fmt::format("{} requirements are open; the first: {}", texts_of_open.size(),
-                                            texts_of_open.front()));
+    about(places_of_open,
+          texts_of_open.size() == 1
+              ? texts_of_open.front()
+              : fmt::format("{} requirements are open, such as {}", texts_of_open.size(),
+                            texts_of_open.front().substr(texts_of_open.front().find(' ') + 1)));
   add(Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
