@@ -299,12 +299,13 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
     page.notes.push_back(fmt::format("No run of {} has the same conditions as one of {}.",
                                      comparison.from_name, comparison.to_name));
     if (auto note = nearest(comparison); !note.empty()) page.notes.push_back(std::move(note));
+    if (const auto why = why_never(comparison); !why.empty()) page.notes.push_back("Reason: " + why + ".");
   }
   for (const auto& [name, runs] : {std::pair(&comparison.from_name, &comparison.only_from),
                                    std::pair(&comparison.to_name, &comparison.only_to)})
     if (!runs->empty()) page.notes.push_back(fmt::format("Only in {}: {}", *name, list_of(*runs)));
   for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
-  if (!page.tables.empty())
+  if (!std::ranges::all_of(comparison.pairs, is_imported))
     page.legend =
         "98 % interval: confidence interval of the change. Cannot tell: chance may explain the difference.";
   return page;
