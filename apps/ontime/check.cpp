@@ -28,7 +28,7 @@ bool is_prose(const std::string& remedy) {
 }
 
 std::string text_of(const Finding& finding, std::size_t columns) {
-  const bool narrow = columns < fewest_for_two, fine = finding.severity == Severity::fine;
+  const bool narrow = columns < table::fewest_for_two, fine = finding.severity == Severity::fine;
   const std::string mark = fine ? "" : fitness::word_of(finding.severity);
   const std::string below(narrow ? 2 : 10, ' ');
   const auto found = finding.check + ": " + printable(finding.is);

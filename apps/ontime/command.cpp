@@ -173,7 +173,7 @@ std::string fitted(const std::string& help, std::size_t columns) {
       text += table::wrapped(boost::algorithm::trim_copy(line), columns, "  ");
     } else {
       const auto name = boost::algorithm::trim_right_copy(line.substr(0, help_column));
-      const bool beside = columns >= fewest_for_two;
+      const bool beside = columns >= table::fewest_for_two;
       auto what =
           table::wrapped(line.substr(help_column), columns, std::string(beside ? help_column : 4, ' '));
       if (beside)

@@ -131,7 +131,10 @@ report::Comparison compare_files(const CompareArguments& arguments, Summaries& a
   if (is_same_file(arguments)) refuse_the_same(arguments);
   a = only(arguments.a, arguments.only);
   b = only(arguments.b, arguments.only);
-  return report::compare(a, b);
+  auto comparison = report::compare(a, b);
+  if (const auto why = report::why_never(comparison); !why.empty())
+    throw Error(2, fmt::format("{} and {}: {}", arguments.a, arguments.b, why));
+  return comparison;
 }
 
 std::string run_or_id(const std::string& word) {

@@ -8,7 +8,6 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "output.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -64,7 +63,7 @@ ordered_json json_of(const std::optional<Value>& value) {
 }  // namespace
 
 std::string labelled(const std::string& label, const std::string& text) {
-  return labelled(label, text, 9, 80);
+  return table::labelled(label, text, 9, 80);
 }
 
 std::string in_ms(std::int64_t ns) {
@@ -133,9 +132,9 @@ std::string text_of(const listen::Miss& miss, std::size_t width) {
                           words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
                           miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
   if (miss.why) says += fmt::format(": {}", table::printable(miss.why->sentence));
-  auto text = labelled(clock_of(miss.at_ns), says, column, width);
+  auto text = table::labelled(clock_of(miss.at_ns), says, column, width);
   if (miss.why && !miss.why->fix.empty())
-    text += labelled("", "fix: " + table::printable(miss.why->fix), column, width);
+    text += table::labelled("", "fix: " + table::printable(miss.why->fix), column, width);
   return text;
 }
 

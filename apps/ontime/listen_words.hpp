@@ -11,7 +11,7 @@
 
 namespace ontime::app {
 
-// As labelled() of output.hpp, for what follows the flows.
+// As table::labelled(), for what follows the flows.
 std::string labelled(const std::string& label, const std::string& text);
 std::string in_ms(std::int64_t ns);  // "0.123", "12.34", "123.4"
 // Of a quantile, without digits that a Distribution does not have: "0.123", "1.23", "12.3", "123".

@@ -46,7 +46,7 @@ int show_next() {
   auto text = table::wrapped("Do a robot's messages arrive on time? Next steps on this machine:", columns);
   const auto add = [&](const std::string& command, const std::string& what) {
     // The command stays whole, to be copied.
-    if (columns < fewest_for_two)
+    if (columns < table::fewest_for_two)
       text += fmt::format("  {}\n{}", command, table::wrapped("    " + what, columns, "    "));
     else
       text += fmt::format("  {:<42}  {}\n", command, what);

@@ -47,14 +47,6 @@ std::size_t output_columns() {
 
 std::size_t reading_columns() { return isatty(STDOUT_FILENO) != 0 ? output_columns() : std::string::npos; }
 
-std::string labelled(const std::string& label, const std::string& text, std::size_t column,
-                     std::size_t width) {
-  if (width < fewest_for_two) return (label.empty() ? "" : label + "\n") + table::wrapped(text, width, "  ");
-  const std::string before(column - table::width_of(label), ' ');
-  if (column + table::width_of(text) <= width) return label + before + text + "\n";
-  return label + before + table::wrapped(text, width, std::string(column, ' ')).substr(column);
-}
-
 std::string wrapped_lines(const std::string& text, std::size_t width) {
   std::string lines;
   std::istringstream stream(text);

@@ -17,10 +17,6 @@ namespace ontime::app {
 std::size_t output_columns();
 // Where to wrap lines; npos without a terminal, because a program may read them.
 std::size_t reading_columns();
-inline constexpr std::size_t fewest_for_two = 60;  // columns that a name beside its description needs
-// "cost     ontime 0.6 % of one CPU …": the text from this column on, in lines of this width.
-std::string labelled(const std::string& label, const std::string& text, std::size_t column,
-                     std::size_t width);
 // Each line of a text, where it is wider; further lines are indented further than it is.
 std::string wrapped_lines(const std::string& text, std::size_t width);
 // The text as the terminal at this descriptor can show it: without UTF-8, µ becomes u and ≥ becomes >=.

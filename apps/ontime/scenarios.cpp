@@ -56,7 +56,7 @@ std::string text_of(const std::vector<ordered_json>& lines) {
     width = std::max(width, table::width_of(table::printable(line.at("name"))) + 2);
   std::string text;
   const auto add = [&](const std::string& name, const std::string& what) {
-    text += labelled(name, what, width, columns);
+    text += table::labelled(name, what, width, columns);
   };
   for (const auto& line : lines) {
     const auto name = table::printable(line.at("name"));

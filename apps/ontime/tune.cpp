@@ -168,10 +168,10 @@ int show(const TuneArguments& arguments) {
                    {"values", state.setting->values},
                    {"now", things},
                    {"cannot", state.cannot.empty() ? json() : json(state.cannot)}});
-    text += labelled(state.setting->name,
-                     (state.things.empty() ? "-" : printable(settings::values_that_keep(state))) +
-                         (state.cannot.empty() ? "" : " (" + printable(state.cannot) + ")"),
-                     18, reading_columns());
+    text += table::labelled(state.setting->name,
+                            (state.things.empty() ? "-" : printable(settings::values_that_keep(state))) +
+                                (state.cannot.empty() ? "" : " (" + printable(state.cannot) + ")"),
+                            18, reading_columns());
   }
   if (json_asked)
     print_json(json{{"settings", all}});

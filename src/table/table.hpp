@@ -23,6 +23,11 @@ std::string shortened(const std::string& text, std::size_t most);
 std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal
 // Between words. The lines after the first are indented further.
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent = "");
+// "cost     ontime 0.6 % of one CPU …": the text from this column on. Of fewer columns than these it is below
+// its label.
+inline constexpr std::size_t fewest_for_two = 60;
+std::string labelled(const std::string& label, const std::string& text, std::size_t column,
+                     std::size_t width);
 
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
 std::string join(const std::vector<std::string>& parts, std::string_view separator);

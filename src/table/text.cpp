@@ -103,6 +103,14 @@ std::string wrapped(const std::string& paragraph, std::size_t width, const std::
   return text + line + "\n";
 }
 
+std::string labelled(const std::string& label, const std::string& text, std::size_t column,
+                     std::size_t width) {
+  if (width < fewest_for_two) return (label.empty() ? "" : label + "\n") + wrapped(text, width, "  ");
+  const std::string before(column - width_of(label), ' ');
+  if (column + width_of(text) <= width) return label + before + text + "\n";
+  return label + before + wrapped(text, width, std::string(column, ' ')).substr(column);
+}
+
 std::string shortened(const std::string& text, std::size_t most) {
   std::size_t end = 0;
   for (std::size_t width = 0; end < text.size();) {
