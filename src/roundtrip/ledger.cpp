@@ -8,9 +8,9 @@ namespace ontime::roundtrip {
 
 namespace {
 
-// The index of a message wraps around after 40 bits.
+// Of indices that wrap around, as those of messages do.
 bool is_before(std::uint64_t one, std::uint64_t other) noexcept {
-  return one != other && ((other - one) & message::max_index) <= message::max_index / 2;
+  return static_cast<std::int64_t>((one - other) << (64 - message::index_bits)) < 0;
 }
 
 }  // namespace

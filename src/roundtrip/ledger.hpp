@@ -78,7 +78,8 @@ class Ledger {
     message::ServerTimes server{};
   };
   struct alignas(64) Slot {
-    // Index and state in one word, so that an arrival is matched and claimed in one step.
+    // Index, as a message has it, and state in one word, so that an arrival is matched and claimed in one
+    // step.
     std::atomic<std::uint64_t> word{word_of(message::max_index, State::empty)};
     std::atomic<std::int64_t> sent_ns{0};  // as in the sample; read by receivers and by expire()
     Sample sample{};                       // the owner's
@@ -86,7 +87,7 @@ class Ledger {
     Slot* next_belated = nullptr;          // the owner's
   };
   static constexpr std::uint64_t word_of(std::uint64_t index, State state) noexcept {
-    return (index & message::max_index) << 3 | static_cast<std::uint64_t>(state);
+    return index << (64 - message::index_bits) | static_cast<std::uint64_t>(state);
   }
   static constexpr State state_of(std::uint64_t word) noexcept { return static_cast<State>(word & 7); }
   using Count = std::atomic<std::uint64_t>;

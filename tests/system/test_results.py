@@ -95,7 +95,7 @@ class Results(unittest.TestCase):
         answer = self.ontime("run", self.scenario("p50 <= 1 ns"), "--results", self.results, "--junit", "missed.xml", code=1)
         self.assertIn("FAIL: p50 <= 1 ns (one udp (run 2)): p50 is ", answer.stderr)
         self.assertIn("FAIL: p50 <= 1 ns", answer.stdout)
-        self.assertRegex(answer.stdout.splitlines()[0], r"(All .* cycles had an answer|had no answer)")
+        self.assertRegex(answer.stdout.splitlines()[0], r"had (an|no) answer")
         self.assertLessEqual(len(answer.stdout.splitlines()), 24)
         self.assertIn("FAIL: p50 <= 1 ns", self.ontime("report", self.results).stdout)
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][1]
