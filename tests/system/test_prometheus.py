@@ -20,7 +20,7 @@ import urllib.parse
 import urllib.request
 
 from program import eventually
-from test_listen import ENVIRONMENT, NODE, ONTIME, begin, log_of, until_probed
+from robot import ENVIRONMENT, NODE, ONTIME, begin, log_of, until_probed
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ALERTS, DASHBOARD = (ROOT / "prometheus" / name for name in ("alerts.yml", "dashboard.json"))

@@ -19,8 +19,8 @@ sys.path.insert(0, str(HERE / "tests/system"))
 os.environ.setdefault("ONTIME", ONTIME)
 for name in "listen_node", "listen_rmw_node", "listen_fastdds_node":
     os.environ.setdefault(name.upper(), str(pathlib.Path(ONTIME).parent / name))
+import robot  # noqa: E402
 import sshd  # noqa: E402
-import test_listen as listening  # noqa: E402
 from program import trace_instances  # noqa: E402
 
 TIMER_MIGRATION = pathlib.Path("/proc/sys/kernel/timer_migration")
@@ -318,10 +318,10 @@ class Listening(Repetition):
     @contextlib.contextmanager
     def surroundings(self):
         words = {"publisher": ("publish", "rt/cmd_vel", "10000000", "1000"), "taker": ("take", "rt/cmd_vel", "1000", "0")}
-        self.nodes = {name: subprocess.Popen([listening.NODE, *words[name], self.folder / name], env=listening.ENVIRONMENT,
+        self.nodes = {name: subprocess.Popen([robot.NODE, *words[name], self.folder / name], env=robot.ENVIRONMENT,
                                              stdout=self.said, stderr=self.said) for name in words}
         try:
-            listening.begin(self.nodes["publisher"])
+            robot.begin(self.nodes["publisher"])
             yield
             for name, node in self.nodes.items():
                 if node.poll() is None:
@@ -337,7 +337,7 @@ class Listening(Repetition):
 
     def left(self, before):
         left = [f"changed code in the {name}" for name, node in self.nodes.items()
-                if node.poll() is None and listening.changed_code(node.pid)]
+                if node.poll() is None and robot.changed_code(node.pid)]
         return super().left(before) + left + [f"trace {name}" for name in trace_instances() if "ontime" in name]
 
     def check_results(self):
