@@ -132,6 +132,7 @@ class HostsOfFile {
   void read_keys(const YAML::Node& node, const std::string& above, const std::vector<PartKey<Of>>& keys,
                  Of& of) {
     std::vector<std::string> allowed;
+    allowed.reserve(keys.size());
     for (const auto& key : keys) allowed.push_back(key.path);
     if (!node.IsMap())
       fail(node, fmt::format("keys and values are needed here: {}", fmt::join(allowed, ", ")));
