@@ -52,12 +52,11 @@ Summaries alike(const std::string& file, const std::string& word) {
 
 // Runs with one id can have different conditions.
 void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
-  for (const auto* run : runs)
-    if (run->run.key != runs.front()->run.key)
-      throw Error(
-          2,
-          fmt::format("{} {}: runs {} and {} have different conditions. Fix: state the number of one of them",
-                      flag, word, runs.front()->run.number, run->run.number));
+  if (const auto* const other = report::unlike(runs))
+    throw Error(
+        2,
+        fmt::format("{} {}: runs {} and {} have different conditions. Fix: state the number of one of them",
+                    flag, word, runs.front()->run.number, other->run.number));
 }
 
 void refuse_the_same(const CompareArguments& arguments) {

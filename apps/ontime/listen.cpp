@@ -350,7 +350,7 @@ class Listening {
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
       for (const auto& chain : findings.chains) json["chains"].push_back(json_of(chain));
       for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
-      return output_.write(json.dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n");
+      return output_.write(report::json_text(json));
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)

@@ -6,6 +6,7 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
+#include "report/words.hpp"
 #include "scenario/scenario.hpp"
 #include "scenario_files.hpp"
 #include "table/table.hpp"
@@ -92,9 +93,7 @@ void add_scenarios(Command& app) {
     std::vector<ordered_json> lines;
     lines.reserve(files.size());
     for (const auto& file : files) lines.push_back(line_of(file));
-    write_whole(
-        "", as_json ? ordered_json(lines).dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n"
-                    : text_of(lines));
+    write_whole("", as_json ? report::json_text(ordered_json(lines)) : text_of(lines));
     return std::ranges::all_of(lines, [](const auto& line) { return line.at("error").is_null(); }) ? 0 : 2;
   });
 }

@@ -13,7 +13,6 @@
 #include "gate/gate.hpp"
 #include "output.hpp"
 #include "search_report.hpp"
-#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -27,14 +26,13 @@ constexpr const char *run_note = "search", *goal_note = "search-goal", *about_no
 constexpr int most_attempts = 3;
 constexpr auto pause = 5s;
 
-std::string text_of(const search::Order& order) {
-  return fmt::format("search, trial {}, run {}: {}", order.trial, order.number, words_of(order.set));
+std::string text_of(const search::Order& order, const std::string& without_settings = words_of({})) {
+  return fmt::format("search, trial {}, run {}: {}", order.trial, order.number,
+                     order.set.empty() ? without_settings : words_of(order.set));
 }
 
 // As results files have it, also those of earlier versions.
-std::string note_of(const search::Order& order) {
-  return table::replace_all(text_of(order), words_of({}), "nothing");
-}
+std::string note_of(const search::Order& order) { return text_of(order, "nothing"); }
 
 bool is_of_a_search(const record::Run& run) {
   const auto& words = run.asked.command_line;

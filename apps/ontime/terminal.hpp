@@ -8,6 +8,7 @@
 #include <thread>
 
 #include "campaign/campaign.hpp"
+#include "report/words.hpp"
 
 namespace ontime::app {
 
@@ -73,10 +74,9 @@ nlohmann::json command_line();
 
 // To standard output, all of it, or throws Error.
 void print(const std::string& text);
-// As ASCII: control characters become JSON escapes, with the same value.
 template <class Json>
 void print_json(const Json& value) {
-  print(value.dump(2, ' ', true, Json::error_handler_t::replace) + "\n");
+  print(report::json_text(value));
 }
 // To standard error, as "ontime: text"; never throws.
 void print_error(const std::string& text);

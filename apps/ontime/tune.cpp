@@ -82,14 +82,6 @@ std::string in_words(const settings::Change& change) {
                            change.after);
 }
 
-// "ksoftirqd/0 [14]" of the thread "14:25:ksoftirqd/0", which also has its start time.
-std::string title_of(const journal::Kept& one) {
-  const auto parts = table::split(one.what, ':');
-  return one.kind.starts_with("thread") && parts.size() > 2
-             ? fmt::format("{} [{}]", one.what.substr(parts[0].size() + parts[1].size() + 2), parts[0])
-             : one.what;
-}
-
 void print_lines(const std::vector<std::string>& lines) {
   for (const auto& line : lines) print(printable(line) + "\n");
 }
@@ -206,7 +198,7 @@ int verify(const TuneArguments& arguments) {
                    {"now", now},
                    {"is_so", is_so}});
     lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "OK    " : "NOT OK", one.kind,
-                                title_of(one), one.after.value_or(""), now));
+                                settings::title_of(one), one.after.value_or(""), now));
   }
   if (json_asked)
     print_json(json{{"applied", all}});

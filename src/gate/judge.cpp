@@ -336,14 +336,13 @@ Judgement judge(const Gate& gate, const Summary& run) {
     answer = answer_by_share(*question, found->value > gate.limit);
     says += "; " + slower_words(question->of);
   }
+  const auto shift = statistics::shift_text(run);
   if (answer == Answer::cannot_tell) {
     const auto short_by = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found);
-    const auto shift = statistics::shift_text(run);
     if (!short_by.empty()) return open(says + ": " + (shift.empty() ? short_by : shift));
   }
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
-  if (const auto shift = statistics::shift_text(run); !judged.is_sure && !shift.empty())
-    judged.says += "; " + shift;
+  if (!judged.is_sure && !shift.empty()) judged.says += "; " + shift;
   return judged;
 }
 

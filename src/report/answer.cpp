@@ -147,16 +147,19 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
   return classes;
 }
 
-std::string stress_words(const std::string& stress) {
-  return stress.empty() ? "without load" : stress.starts_with("link") ? "with " + stress : "under " + stress;
+// `lacking`: what the other runs have, if this is none.
+std::string stress_words(const std::string& stress, const std::string& lacking = "load") {
+  return stress.empty()               ? "without " + lacking
+         : stress.starts_with("link") ? "with " + stress
+                                      : "under " + stress;
 }
 std::string tuned_words(const std::string& tuned) {
   if (tuned.empty()) return "without real-time settings";
   return "with " + replace_all(tuned, "RT", "real-time settings");
 }
-std::string all_words(const Conditions& conditions) {
-  if (conditions.tuned.empty()) return stress_words(conditions.stress);
-  return stress_words(conditions.stress) + " " + tuned_words(conditions.tuned);
+std::string all_words(const Conditions& conditions, const std::string& lacking = "load") {
+  const auto stress = stress_words(conditions.stress, lacking);
+  return conditions.tuned.empty() ? stress : stress + " " + tuned_words(conditions.tuned);
 }
 
 // "within 10 ms"; with several deadlines "in time"; without one a note that none is set.
@@ -234,16 +237,10 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->conditions.stress == contrast->conditions.stress;
   const bool same_tuned = worst->conditions.tuned == contrast->conditions.tuned;
-  auto compared = contrast->conditions;
-  // Without what the worst has: load, or only link faults.
-  const auto lacking = [&] {
-    return "without " + split(worst->conditions.stress, ',').front() +
-           (same_tuned || compared.tuned.empty() ? "" : " " + tuned_words(compared.tuned));
-  };
-  const auto other = same_stress               ? tuned_words(compared.tuned)
-                     : compared.stress.empty() ? lacking()
-                     : same_tuned              ? stress_words(compared.stress)
-                                               : all_words(compared);
+  const auto lacking = split(worst->conditions.stress, ',').front();  // load, or only link faults
+  const auto other = same_stress  ? tuned_words(contrast->conditions.tuned)
+                     : same_tuned ? stress_words(contrast->conditions.stress, lacking)
+                                  : all_words(contrast->conditions, lacking);
   auto first = same_stress && worst->conditions.stress.empty() ? tuned_words(worst->conditions.tuned)
                                                                : all_words(worst->conditions);
   first.front() = static_cast<char>(std::toupper(first.front()));

@@ -48,7 +48,9 @@ std::vector<std::string> values_of(const std::vector<statistics::Summary>&, cons
 Comparison::Runs whole(const Comparison::Runs&);
 // For whole runs. Nothing: one side does not have the metric.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
-bool is_repeated(const Comparison::Pair&);            // by two runs or more on each side
+bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
+// The first one with other conditions than the first; nullptr: all have the same.
+const statistics::Summary* unlike(const Comparison::Runs&);
 bool has_run_on_both_sides(const Comparison::Pair&);  // of one file: by the numbers of the runs
 // "a period and an age cannot be compared", where that leaves no pair. Empty: they can.
 std::string why_never(const Comparison&);

@@ -103,6 +103,12 @@ std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times 
 
 bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole(pair.to).size() > 1; }
 
+const statistics::Summary* unlike(const Runs& runs) {
+  const auto found =
+      std::ranges::find_if(runs, [&](const auto* run) { return run->run.key != runs.front()->run.key; });
+  return found == runs.end() ? nullptr : *found;
+}
+
 bool has_run_on_both_sides(const Pair& pair) {
   return std::ranges::any_of(pair.from, [&](const auto* from) {
     return std::ranges::any_of(pair.to, [&](const auto* to) { return from->run.number == to->run.number; });
@@ -158,13 +164,10 @@ bool can_compare(const Summaries& all, const statistics::Summary& from, const st
     });
     return runs;
   };
-  const auto is_of_one_kind = [](const Runs& runs) {
-    return std::ranges::all_of(runs, [&](const auto* run) { return run->run.key == runs.front()->run.key; });
-  };
   const auto a = alike(from), b = alike(to);
   const auto comparison = compare_chosen(a, b);
   return !comparison.pairs.empty() && std::ranges::all_of(comparison.pairs, [&](const Pair& pair) {
-    return is_of_one_kind(pair.from) && is_of_one_kind(pair.to) && !has_run_on_both_sides(pair);
+    return unlike(pair.from) == nullptr && unlike(pair.to) == nullptr && !has_run_on_both_sides(pair);
   });
 }
 

@@ -8,11 +8,6 @@
 namespace ontime::report {
 namespace {
 
-std::string text_of(const nlohmann::ordered_json& value) {
-  // As ASCII: what would steer a terminal is an escape of JSON then, and the same value.
-  return value.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
-}
-
 std::string page_text(const Page& unchecked, Format format, std::size_t width) {
   const auto page = format == Format::table ? printable(unchecked) : without_drawings(printable(unchecked));
   switch (format) {
@@ -42,10 +37,11 @@ std::optional<Format> format_of(const std::string& word) {
 std::string render(const Summaries& summaries, Format format, const Origin& origin, std::size_t width) {
   if (format == Format::csv) return csv_of(summaries);
   if (format != Format::json) return page_text(page_of(summaries), format, width);
-  return text_of({{"ontime", ONTIME_VERSION},
-                  {"answer", json_of(answer_of(summaries, origin))},
-                  {"runs", array_of(summaries, [](const auto& summary) { return json_of(summary); })},
-                  {"searches", searches_json_of(summaries)}});
+  return json_text(nlohmann::ordered_json{
+      {"ontime", ONTIME_VERSION},
+      {"answer", json_of(answer_of(summaries, origin))},
+      {"runs", array_of(summaries, [](const auto& summary) { return json_of(summary); })},
+      {"searches", searches_json_of(summaries)}});
 }
 
 std::string render_answer(const Summaries& summaries, Format format, const Origin& origin,
@@ -56,19 +52,19 @@ std::string render_answer(const Summaries& summaries, Format format, const Origi
 
 std::string render(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
                    Format format, std::size_t width) {
-  if (format == Format::json) return text_of(json_of(comparison, judgements));
+  if (format == Format::json) return json_text(json_of(comparison, judgements));
   if (format == Format::csv) return csv_of(comparison);
   return page_text(page_of(comparison, judgements), format, width);
 }
 
 std::string render_threads(const Summaries& summaries, Format format, std::size_t width) {
   if (format == Format::csv) return threads_csv_of(summaries);
-  if (format == Format::json) return text_of(threads_json_of(summaries));
+  if (format == Format::json) return json_text(threads_json_of(summaries));
   return page_text(threads_page_of(summaries), format, width);
 }
 
 std::string render_layers(const Summaries& summaries, Format format, std::size_t width) {
-  if (format == Format::json) return text_of(layers_json_of(summaries));
+  if (format == Format::json) return json_text(layers_json_of(summaries));
   if (format == Format::csv) return layers_csv_of(summaries);
   return page_text(layers_page_of(summaries), format, width);
 }

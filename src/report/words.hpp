@@ -47,6 +47,12 @@ const char* word_of(roundtrip::Fate);     // "on time"
 // run "Wake-up latency".
 const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
+// In lines, and as ASCII: what would steer a terminal becomes an escape of JSON, and the value stays the
+// same.
+template <class Json>
+std::string json_text(const Json& value) {
+  return value.dump(2, ' ', true, Json::error_handler_t::replace) + "\n";
+}
 std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string>& path);  // or ""
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"

@@ -132,8 +132,7 @@ std::string why_not_by(Text transport, const Capabilities& can, const Run& run,
   if (can.past_the_kernel && run.explain)
     return fmt::format(
         "explain cannot follow {}: the kernel's tracepoints do not see its packets. Leave out explain, or "
-        "use "
-        "{}",
+        "use {}",
         transport, in_kernel());
   if (can.past_the_kernel && run.faults.any())
     return fmt::format(
@@ -142,8 +141,8 @@ std::string why_not_by(Text transport, const Capabilities& can, const Run& run,
         transport, in_kernel());
   if (can.past_the_kernel && wire.bits_per_s > 0)
     return fmt::format(
-        "{} bypasses the interface's queueing disciplines, and wire.rate is one: leave out wire.rate, or use "
-        "{}",
+        "{} bypasses the interface's queueing disciplines, and wire.rate is one: leave out wire.rate, or "
+        "use {}",
         transport, in_kernel());
   if (can.below_ip && run.faults.dscp)
     return fmt::format(

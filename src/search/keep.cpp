@@ -58,8 +58,7 @@ Kept keep(const conditions::Run& run, const Set& set, const Links& links, const 
   if (run.isolation.any())
     kept.left_out =
         "isolation.* of this run, because only `ontime run` applies it. Fix: reserve the CPUs from boot, "
-        "with "
-        "isolcpus= on the kernel's command line (`ontime check` prints it).";
+        "with isolcpus= on the kernel's command line (`ontime check` prints it).";
   const auto wishes = wishes_of(run, set);
   if (wishes.empty()) return kept;
   for (const auto& [host, link] : links_of(links, wishes)) {

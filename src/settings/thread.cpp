@@ -161,6 +161,11 @@ std::string name_of_thread(const std::string& what) {
   return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));
 }
 
+std::string title_of(const journal::Kept& one) {
+  const bool is_thread = one.kind == thread.name || one.kind == thread_priority.name;
+  return is_thread ? fmt::format("{} [{}]", name_of_thread(one.what), pid_of(one.what)) : one.what;
+}
+
 std::vector<Thing> threads_named(const std::string& prefix) {
   check_kernel_is_seen();
   std::vector<Thing> found;

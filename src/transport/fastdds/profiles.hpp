@@ -20,9 +20,8 @@ struct Profiles {
 // The user's profiles are what Fast DDS loads by itself, the file FASTRTPS_DEFAULT_PROFILES_FILE and, unless
 // SKIP_DEFAULT_XML_FILE is 1, DEFAULT_FASTRTPS_PROFILES.xml in the working directory, and then the option
 // "profiles". They stay as they are, with exceptions that keep the run as requested:
-// - if a link under test is named, UDPv4 on that link replaces their transports, locators and data sharing;
-// else
-//   their transports stay, and without any it is only UDPv4;
+// - if a link under test is named, UDPv4 on that link replaces their transports, locators and data sharing.
+//   Else their transports stay, and without any it is only UDPv4;
 // - peers are added to theirs;
 // - shortcuts within a process are off.
 // Throws WrongInput for parts that an option may not have (it may come from a foreign scenario, and would
