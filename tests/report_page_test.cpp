@@ -7,6 +7,7 @@
 #include <sodium.h>
 #include <zlib.h>
 
+#include "gate/gate.hpp"
 #include "page/course.hpp"
 #include "page/page.hpp"
 #include "record/record.hpp"
@@ -316,6 +317,16 @@ TEST(Verdict, says_whether_messages_were_on_time) {
   EXPECT_THAT(bad.further, HasSubstr("1 of 2 runs"));
   EXPECT_THAT(bad.further, HasSubstr("12 ms (Test1.B, udp)"));
   EXPECT_EQ(verdict_of({judged(99, 0, 1)}).sentence, "1 of 100 messages was lost.");
+}
+
+TEST(Verdict, NamesRequirementsThatWereMissedOrAreOpen) {
+  std::vector runs{judged(24'000, 0, 0), judged(24'000, 0, 0)};
+  runs[0].notes.push_back({gate::open_note, "open: p99 <= 5 ms", {}, {}});
+  EXPECT_EQ(verdict_of(runs).word, Verdict::Word::partly);
+  EXPECT_THAT(verdict_of(runs).further, HasSubstr("requirement of 1 run is open"));
+  runs[1].notes.push_back({gate::missed_note, "FAIL: p50 <= 1 us", {}, {}});
+  EXPECT_EQ(verdict_of(runs).word, Verdict::Word::no);
+  EXPECT_THAT(verdict_of(runs).further, HasSubstr("1 run missed a requirement"));
 }
 
 TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {

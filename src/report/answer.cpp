@@ -48,11 +48,6 @@ std::string in_words(const Summary& run) {
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
 }
 
-// Gates are judged when the run is measured.
-bool has_note(const Summary& run, const char* kind) {
-  return std::ranges::find(run.notes, kind, &record::Note::kind) != run.notes.end();
-}
-
 std::uint64_t sent_of(const Summary& run) {
   return statistics::unrecorded(run.run) == 0 ? run.sent : run.run.outcome.counters.sent;
 }
@@ -395,6 +390,10 @@ State state_of(const Summary& run) {
   }
   // `ontime listen` requests nothing: its late and lost messages count even where samples are missing.
   return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
+}
+
+bool has_note(const Summary& run, const char* kind) {
+  return std::ranges::find(run.notes, kind, &record::Note::kind) != run.notes.end();
 }
 
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {

@@ -96,11 +96,14 @@ std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
-  // partly: all present messages are on time, but some data are missing
+  // partly: all present messages are on time, but some data are missing, or a requirement is open. no: also if
+  // one was missed
   enum class Word { yes, partly, no, nothing } word = Word::nothing;
   std::string sentence, further;
 };
 Verdict verdict_of(const Summaries&);
+// Such as gate::missed_note: gates are judged when a run is measured.
+bool has_note(const statistics::Summary&, const char* kind);
 std::string grouped(std::uint64_t count);  // "4,320,000"
 
 // What was requested and what was found.

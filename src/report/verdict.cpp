@@ -46,7 +46,8 @@ std::string grouped(std::uint64_t count) {
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
   std::size_t measured = 0, fine = 0, unfinished = 0;
-  std::map<std::string, std::size_t> flaws;  // of runs that were measured to their end
+  std::size_t with_missed = 0, with_open = 0;  // runs with such a requirement
+  std::map<std::string, std::size_t> flaws;    // of runs that were measured to their end
   const Summary* slowest = nullptr;
   for (const auto* run : last_of(summaries)) {
     const auto& summary = *run;
@@ -57,6 +58,8 @@ Verdict verdict_of(const Summaries& summaries) {
     late_cycles += summary.late_by_response.value_or(0);
     measured += fates.sent > 0 ? 1 : 0;
     fine += all_on_time(summary) ? 1 : 0;
+    with_missed += has_note(summary, gate::missed_note) ? 1 : 0;
+    with_open += has_note(summary, gate::open_note) ? 1 : 0;
     using gate::Flaw;
     const auto flaw = gate::flaw_of(summary);
     if (flaw == Flaw::failed || flaw == Flaw::cut_off)
@@ -75,7 +78,9 @@ Verdict verdict_of(const Summaries& summaries) {
     return fmt::format("{} of {}", grouped(part), grouped(sent));
   };
   if (fine == measured) {
-    verdict.word = unfinished == 0 && flaws.empty() ? Verdict::Word::yes : Verdict::Word::partly;
+    verdict.word = with_missed > 0                                      ? Verdict::Word::no
+                   : unfinished == 0 && flaws.empty() && with_open == 0 ? Verdict::Word::yes
+                                                                        : Verdict::Word::partly;
     verdict.sentence = fmt::format("All {} messages came {}within the {}.", grouped(sent),
                                    all_listened(all_of(summaries)) ? "" : "back ", deadline);
   } else {
@@ -112,6 +117,10 @@ Verdict verdict_of(const Summaries& summaries) {
         fmt::format("If conditions stay the same, fewer than {} messages miss it (95 % confidence).",
                     missed.bound > 0.01 ? fmt::format("{:.2g} % of the", rounded_up(missed.bound * 100))
                                         : fmt::format("{:g} of a million", rounded_up(missed.bound * 1e6))));
+  if (with_missed > 0)
+    further.push_back(fmt::format("{} missed a requirement.", many(with_missed, "run", "runs")));
+  if (with_open > 0)
+    further.push_back(fmt::format("A requirement of {} is open.", many(with_open, "run", "runs")));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)
