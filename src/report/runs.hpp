@@ -96,8 +96,8 @@ std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
-  // partly: all present messages are on time, but some data are missing, or a requirement is open. no: also if
-  // one was missed
+  // partly: all present messages are on time, but some data are missing, or a requirement is open. no: also
+  // if one was missed
   enum class Word { yes, partly, no, nothing } word = Word::nothing;
   std::string sentence, further;
 };
