@@ -431,7 +431,7 @@ TEST(Answer, MissedRequirementsComeBeforeOpenOnesWhichAreOneCaution) {
   runs[2].notes.push_back({gate::missed_note, "FAIL: lost <= 0", {}, {}});
   const auto answer = answer_of(runs, kept);
   EXPECT_THAT(answer.cautions[0], HasSubstr("FAIL: lost <= 0"));
-  EXPECT_THAT(answer.cautions[1], AllOf(HasSubstr("3 requirements"), HasSubstr("p99 <= 5 ms: 100 messages")));
+  EXPECT_THAT(answer.cautions[1], AllOf(HasSubstr("in 3 runs"), HasSubstr("p99 <= 5 ms: 100 messages")));
   EXPECT_THAT(answer.cautions, Not(Contains(HasSubstr("101 messages"))));
   const auto rows = json_of(answer).at("rows");
   EXPECT_EQ(rows.at(0).at("requirement"), "open");

@@ -523,6 +523,16 @@ TEST(OwnMessages, AnotherNumberOfCulpritsIsNoOtherCause) {
               HasSubstr("2  6.0 ms old: a [7] waited while others (longest"));
 }
 
+TEST(OwnMessages, TextOfAForeignFileWithNulIsAnotherCause) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  using namespace std::string_literals;
+  one.notes.push_back({record::cause_of_late, "\0 ms old"s, {}, {}});
+  one.notes.push_back({record::cause_of_late, "6.0 ms old", {}, {}});
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("1  6.0 ms old"));
+}
+
 TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};

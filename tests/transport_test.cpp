@@ -86,6 +86,22 @@ TEST(Load, FindsWhatIsThereAndNamesItOtherwise) {
   }
 }
 
+// The object would be loaded, and its code would run.
+TEST(Load, LooksForNoFileThatANameLeadsTo) {
+  const auto there = std::filesystem::path(testing::TempDir()) / "ontime_transport_stranger.so";
+  const auto elsewhere = std::filesystem::relative(there, std::filesystem::path("/")).string();
+  for (const auto& name : {"../" + elsewhere, "/" + elsewhere, std::string("a/b"), std::string(".."),
+                           std::string("."), std::string()}) {
+    try {
+      find(name);
+      FAIL() << name;
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr("is not a transport's name")) << name;
+    }
+    EXPECT_FALSE(declared(name)) << name;
+  }
+}
+
 void expect_no_environment() {
   ASSERT_NE(std::getenv("ONTIME_TRANSPORT_PATH"), nullptr);  // NOLINT(concurrency-mt-unsafe)
   EXPECT_THAT(available(), testing::IsEmpty());

@@ -102,8 +102,8 @@ std::string drawn(const std::string& commands) {
   if (!script.hold(commands)) throw Error(3, "there is not enough memory for a figure");
   setenv("LC_ALL", "C.UTF-8", 1);  // gnuplot warns of characters that the locale lacks; NOLINT: one thread
   // --default-settings: not those of the user.
-  const auto gnuplot =
-      process::start({"gnuplot", "--default-settings"}, {script.fd(), figure.fd(), STDERR_FILENO});
+  const auto gnuplot = process::start({"gnuplot", "--default-settings"},
+                                      {script.fd(), figure.fd(), STDERR_FILENO}, process::Group::callers);
   if (gnuplot.error == ENOENT) throw Error(3, "figures need gnuplot. Fix: sudo apt install gnuplot-nox");
   if (gnuplot.error != 0)
     throw Error(3, "gnuplot cannot be started: " + std::generic_category().message(gnuplot.error));

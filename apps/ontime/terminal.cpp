@@ -63,6 +63,12 @@ void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fflush(stderr);
 }
 
+// A terminal can be stopped (Ctrl-S). A thread that waits for it must not hold the line.
+bool can_write() {
+  pollfd out{STDERR_FILENO, POLLOUT, 0};
+  return poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0;
+}
+
 void erase_line() {
   if (std::exchange(line_is_open, false)) say("\r\033[K");
 }
@@ -90,7 +96,7 @@ void Terminal::line_at_second(const std::stop_token& stop) {
   std::unique_lock lock(line_mutex);
   std::condition_variable_any none;
   while (!none.wait_for(lock, stop, std::chrono::seconds(1), [&] { return stop.stop_requested(); }))
-    if (line_is_open && !doing_.empty()) rewrite_line(doing());
+    if (line_is_open && !doing_.empty() && can_write()) rewrite_line(doing());
 }
 
 // Cut to the terminal's width: a second line could not be cleared.
@@ -196,7 +202,7 @@ void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanose
 
 void Terminal::ends(const roundtrip::Counters& counters) {
   const std::lock_guard lock(line_mutex);
-  beyond_plan_ += Clock::now() - begun_ - planned_;
+  beyond_plan_ += std::max(Seconds(0), Seconds(Clock::now() - begun_ - planned_));
   ++measured_;
   erase_line();
   say("{}  {}\n", head(), words(counters));
@@ -227,10 +233,7 @@ campaign::Interrupts& catch_interrupts(const std::string& text) {
     last_signal = signal;
     orders::count_termination(interrupts, signal);
     const int error = errno;
-    // Output that stands still must not hold up the thread that the signal found.
-    pollfd out{STDERR_FILENO, POLLOUT, 0};
-    if (const char* const first = first_notice.exchange(nullptr);
-        first != nullptr && poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0) {
+    if (const char* const first = first_notice.exchange(nullptr); first != nullptr && can_write()) {
       [[maybe_unused]] const auto written = ::write(STDERR_FILENO, first, std::strlen(first));
     }
     errno = error;

@@ -70,7 +70,7 @@ std::string too_short_words(const Question& question) {
   const auto& of = question.of.at_most;
   const double needed = statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
   if (static_cast<double>(of.messages) >= needed) return "";
-  return fmt::format("{} messages are too few, it takes {:.0f}: measure longer", of.messages,
+  return fmt::format("{} messages are too few, it takes at least {:.0f}: measure longer", of.messages,
                      std::ceil(needed));
 }
 

@@ -38,7 +38,8 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Rang
   if (!spread) return {};
   Found found{range.at(spread->median_ns), {}};
   if (runs.size() > 1) {
-    found.bar = {range.at(spread->low_ns), range.at(spread->high_ns)};
+    // Without a width it would be drawn as if the runs differed.
+    if (spread->low_ns < spread->high_ns) found.bar = {range.at(spread->low_ns), range.at(spread->high_ns)};
   } else if (metric.has_interval()) {
     const auto& [low, high] = runs.front()->round_trip_certainty[metric.figure].sure;
     if (low) found.bar = {range.at(*low), high ? range.at(*high) : range.greatest_ms};

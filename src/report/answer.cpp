@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -46,10 +47,6 @@ std::string in_words(const Summary& run) {
   const auto [stress, tuned, is_listened] = conditions_of(run);
   const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
-}
-
-std::uint64_t sent_of(const Summary& run) {
-  return statistics::unrecorded(run.run) == 0 ? run.sent : run.run.outcome.counters.sent;
 }
 
 // Cycles without an answer in time. Where samples are missing, at least what the client counted.
@@ -288,17 +285,19 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   };
   add(Remark::Weight::caution, missed);  // the exit code tells of these
   std::vector<std::size_t> places_of_open;
+  std::set<std::size_t> open_in;           // runs
   std::vector<std::string> texts_of_open;  // in one caution: they say the same of several runs
   for (const auto& remark : remarks)
     if (remark.requirement == open) {
       texts_of_open.push_back(remark.text);
       for (const auto run : remark.runs) places_of_open.push_back(row_of_run[run]);
+      open_in.insert(remark.runs.begin(), remark.runs.end());
     }
   if (!texts_of_open.empty())
     about(places_of_open,
           texts_of_open.size() == 1
               ? texts_of_open.front()
-              : fmt::format("{} requirements are open, such as {}", texts_of_open.size(),
+              : fmt::format("open requirements in {}, such as {}", many(open_in.size(), "run", "runs"),
                             texts_of_open.front().substr(texts_of_open.front().find(' ') + 1)));
   add(Remark::Weight::not_applied);
   std::vector<std::string> denied;

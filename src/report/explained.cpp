@@ -121,7 +121,8 @@ void each_piece(const std::string& text, const Equal& equal, const Time& time, c
 // The most messages first.
 std::vector<SameCause> same_causes_of(const std::vector<record::Note>& notes) {
   std::vector<SameCause> all;
-  std::map<std::string, std::size_t> places;
+  // By what is equal and how many times are between; the text may contain anything.
+  std::map<std::pair<std::string, std::size_t>, std::size_t> places;
   for (const auto& note : notes) {
     std::string key;
     std::vector<double> times;
@@ -133,7 +134,7 @@ std::vector<SameCause> same_causes_of(const std::vector<record::Note>& notes) {
           times.push_back(ms);
         },
         [&](const std::string& piece) { details.push_back(piece); });
-    const auto [place, is_new] = places.try_emplace(key, all.size());
+    const auto [place, is_new] = places.try_emplace({key, times.size()}, all.size());
     if (is_new) {
       all.push_back({.details = details});
       for (const auto ms : times) all.back().times.emplace_back(ms, ms);

@@ -107,7 +107,7 @@ Table spread_table(const Group& group, const Summaries& summaries) {
   for (const auto& [label, all] : alike(group)) {
     Group runs;
     std::ranges::copy_if(all, std::back_inserter(runs), [&](const auto* run) {
-      return run->sent > 0 && !gate::is_superseded(*run, summaries);
+      return run->sent > 0 && statistics::is_complete(run->run) && !gate::is_superseded(*run, summaries);
     });
     if (runs.size() < 2) continue;
     const auto text = [](double median, double low, double high, std::string (*form)(double)) {

@@ -13,7 +13,7 @@ namespace {
 
 using statistics::Summary;
 
-// Of all messages: where samples are missing, as the client counted them.
+// As sent_of().
 struct Fates {
   std::uint64_t sent, late, lost;
 };
@@ -42,6 +42,8 @@ std::string grouped(std::uint64_t count) {
   }
   return text;
 }
+
+std::uint64_t sent_of(const Summary& summary) { return fates_of(summary).sent; }
 
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
