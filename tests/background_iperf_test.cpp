@@ -71,8 +71,8 @@ class Iperf3 : public ::testing::Test {
     }
     return "";
   }
-  static std::vector<Process> left() {
-    return where([](const Process& process) { return process.parent == getpid(); });
+  static std::vector<process::Stat> left() {
+    return where([](const process::Stat& process) { return process.parent == getpid(); });
   }
 };
 
@@ -100,7 +100,7 @@ TEST_F(Iperf3, OfRootRunsAsNobodyWithoutPrivileges) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   const auto server = traffic(serving(7806));
   const auto client = traffic(asking(7806, true));
-  const auto ours = where([](const Process& process) {
+  const auto ours = where([](const process::Stat& process) {
     return process.parent == getpid() && process.name.starts_with("iperf3");
   });
   ASSERT_EQ(ours.size(), 2u);

@@ -9,9 +9,9 @@
 namespace ontime::background {
 
 // The living processes of this machine for which it holds.
-inline std::vector<Process> where(const std::function<bool(const Process&)>& condition) {
+inline std::vector<process::Stat> where(const std::function<bool(const process::Stat&)>& condition) {
   auto all = processes();
-  std::erase_if(all, [&](const Process& process) { return process.ended() || !condition(process); });
+  std::erase_if(all, [&](const auto& process) { return process.has_ended() || !condition(process); });
   return all;
 }
 

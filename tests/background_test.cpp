@@ -54,22 +54,22 @@ class Load : public ::testing::Test {
 
 // stress-ng, started by this process.
 pid_t stress_of(pid_t parent) {
-  const auto found = where([&](const Process& process) {
+  const auto found = where([&](const process::Stat& process) {
     return process.parent == parent && process.name.starts_with("stress-ng");
   });
   return found.size() == 1 ? found.front().pid : -1;
 }
 
 // stress-ng and all its workers: they stay in the group that it leads.
-std::vector<Process> group(pid_t leader) {
-  return where([&](const Process& process) { return process.group == leader; });
+std::vector<process::Stat> group(pid_t leader) {
+  return where([&](const process::Stat& process) { return process.group == leader; });
 }
 
 std::string pid_namespace_of(pid_t pid) {
   return fs::read_symlink("/proc/" + std::to_string(pid) + "/ns/pid").string();
 }
 
-std::vector<std::string> names(const std::vector<Process>& some) {
+std::vector<std::string> names(const std::vector<process::Stat>& some) {
   std::vector<std::string> result;
   result.reserve(some.size());
   for (const auto& process : some) result.push_back(process.name);
@@ -146,7 +146,7 @@ TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
     EXPECT_TRUE(running->running());
     leader = stress_of(getpid());
     ASSERT_GT(leader, 0);
-    EXPECT_GE(where([&](const Process& process) { return process.parent == leader; }).size(), 5u);
+    EXPECT_GE(where([&](const process::Stat& process) { return process.parent == leader; }).size(), 5u);
   }
   EXPECT_THAT(group(leader), IsEmpty());
   EXPECT_TRUE(fs::is_empty(directory_)) << "its files are there still";
@@ -302,7 +302,7 @@ TEST_F(Load, WorkerThatWasKilledIsMissed) {
   const auto running = stress({.cpu = 2}, directory_);
   EXPECT_TRUE(running->running());
   const auto leader = stress_of(getpid());
-  const auto workers = where([&](const Process& process) { return process.parent == leader; });
+  const auto workers = where([&](const process::Stat& process) { return process.parent == leader; });
   ASSERT_EQ(workers.size(), 2u);
   kill(workers.front().pid, SIGKILL);
   EXPECT_TRUE(wait_until([&] { return !running->running(); }, 60s));
@@ -382,23 +382,6 @@ TEST_F(Load, SaysWhatToInstall) {
   // NOLINTEND(concurrency-mt-unsafe)
   EXPECT_THAT(said, HasSubstr("apt install stress-ng"));
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
-}
-
-TEST(Stat, NameMayHoldParenthesesAndSpaces) {
-  const auto process = parse_stat("7 (a) Z 1 (b) S 5 6 7 0");
-  ASSERT_TRUE(process);
-  EXPECT_EQ(process->pid, 7);
-  EXPECT_EQ(process->name, "a) Z 1 (b");
-  EXPECT_EQ(process->state, 'S');
-  EXPECT_EQ(process->parent, 5);
-  EXPECT_EQ(process->group, 6);
-}
-
-TEST(Stat, CutTextIsRefused) {
-  const std::string whole = "7 (a) S 5 6";
-  ASSERT_TRUE(parse_stat(whole));
-  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
-    EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
 }
 
 TEST(OutputOf, EndlessCommandTimesOut) {

@@ -82,21 +82,6 @@ TEST(Words, RandomTextNeverCrashesAndWhatIsTakenIsInRange) {
   }
 }
 
-TEST(Stat, NameMayHoldParenthesesAndSpaces) {
-  ThreadState state;
-  ASSERT_TRUE(parse_stat("7 (a) R 1 (b) S 1 7 7 0 -1 4194304 11 12 13 14 150 50 17 18 20 0 1 0 99 0", state));
-  EXPECT_EQ(state.minor_faults, 11u);
-  EXPECT_EQ(state.major_faults, 13u);
-}
-
-TEST(Stat, CutTextIsRefused) {
-  const std::string whole = "7 (a) S 1 7 7 0 -1 4194304 11 12 13";
-  ThreadState state;
-  ASSERT_TRUE(parse_stat(whole, state));
-  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
-    EXPECT_FALSE(parse_stat(whole.substr(0, length), state)) << length;
-}
-
 TEST(Capabilities, AreThoseInEffect) {
   EXPECT_TRUE(has_capability("CapPrm:\t0\nCapEff:\t0000000000201000\n", 21));
   EXPECT_TRUE(has_capability("CapEff:\t0000000000201000\n", 12));

@@ -84,6 +84,12 @@ TEST(Compare, ImportedWakeUpLatencyIsNoRoundTrip) {
   const auto text = render_answer(both, {}, Format::table, "", 80);
   EXPECT_THAT(text, HasSubstr("Wake-up (µs)"));
   EXPECT_THAT(text, Not(HasSubstr("98 %"))) << "it has no interval";
+  const auto figures = json::parse(render(both, {}, Format::json)).at("pairs").at(0).at("figures");
+  const auto max = figures.back();
+  EXPECT_EQ(max.at("figure"), "wake_up_us.max");
+  EXPECT_DOUBLE_EQ(max.at("to").get<double>(), static_cast<double>(b[0].wake_up.max) / 1e3);
+  EXPECT_EQ(max.at("verdict"), "cannot tell");
+  EXPECT_TRUE(max.at("ratio_low").is_null());
 }
 
 TEST(Compare, NearestNamesNoKeyThatIsTheSame) {

@@ -378,9 +378,19 @@ TEST(Remarks, TellNotesWithTheirMoment) {
   EXPECT_EQ(notes.at(1).at("at_s"), nullptr);
   one.notes.assign(30, {"peer-left", "gone", {}, {}});
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("gone; 25 more notes"));
-  one.notes.assign(30, {"cause", "late", {}, 17});
-  one.notes.push_back({"pauses", "listened 40 % of the time", {}, {}});
+  one.notes = {{"cause", "late", {}, 17}, {"pauses", "listened 40 % of the time", {}, {}}};
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("listened 40 % of the time; late (message 17)"));
+}
+
+TEST(Remarks, TellACauseOnceForAllItsMessages) {
+  auto one = summary(asked("a", "udp"), outcome());
+  for (const auto* const took : {"6.0", "31.5", "9.1"})
+    one.notes.push_back(
+        {record::cause_of_late, fmt::format("{} ms old: a [7] was frozen; fix: thaw it", took), {}, 3});
+  EXPECT_THAT(remarks(one), HasSubstr("3 messages: 6.0 to 31.5 ms old: a [7] was frozen; fix: thaw it"));
+  one.notes.assign(3000, one.notes.front());
+  EXPECT_THAT(remarks(one),
+              HasSubstr("1000 messages: 6.0 ms old: a [7] was frozen; fix: thaw it; 2000 more notes"));
 }
 
 TEST(Remarks, RateIsNotReachedFromFivePercentOfSkippedCyclesOn) {

@@ -10,6 +10,8 @@
 
 #include <sys/types.h>
 
+#include "process/process.hpp"
+
 namespace ontime::background {
 
 struct Started {
@@ -60,17 +62,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
 // Polls the condition; false if the limit passes first.
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
 
-struct Process {
-  pid_t pid;
-  std::string name;
-  char state;
-  pid_t parent;
-  pid_t group;
-  bool ended() const { return state == 'Z' || state == 'X'; }  // but not yet waited for
-};
-
-// Parses the text of /proc/PID/stat; nothing if it is malformed.
-std::optional<Process> parse_stat(const std::string& text);
-std::vector<Process> processes();
+// All that /proc shows.
+std::vector<process::Stat> processes();
 
 }  // namespace ontime::background

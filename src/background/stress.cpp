@@ -58,7 +58,7 @@ std::vector<std::string> command_for(const Workers& workers, const std::string& 
 long children_of(pid_t pid) {
   const auto all = processes();
   return std::ranges::count_if(
-      all, [pid](const Process& process) { return process.parent == pid && !process.ended(); });
+      all, [pid](const auto& process) { return process.parent == pid && !process.has_ended(); });
 }
 
 Error missing() {

@@ -3,10 +3,9 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <iterator>
-#include <sstream>
 
 #include "machine/proc.hpp"
+#include "process/process.hpp"
 
 namespace ontime::fitness {
 
@@ -44,22 +43,11 @@ std::string Look::canonical(const std::string& path) const {
 }
 
 std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
-  constexpr std::size_t priority = 37, policy = 38;  // of /proc/PID/stat, counted from the state on
   std::vector<Thread> found;
   for (const auto& pid : names("/proc")) {
     if (!machine::number(pid)) continue;
-    const auto stat = text("/proc/" + pid + "/stat").value_or("");
-    const auto open = stat.find('('), close = stat.rfind(')');
-    if (open == stat.npos || close == stat.npos) continue;
-    const auto name = stat.substr(open + 1, close - open - 1);
-    if (!name.starts_with(prefix)) continue;
-    std::istringstream rest(stat.substr(close + 1));
-    const std::vector<std::string> words(std::istream_iterator<std::string>(rest), {});
-    if (words.size() <= policy) continue;
-    const auto value_of = [&](std::size_t at) {
-      return static_cast<int>(machine::number(words[at]).value_or(0));
-    };
-    found.push_back({name, value_of(policy), value_of(priority)});
+    const auto stat = process::parse_stat(text("/proc/" + pid + "/stat").value_or(""));
+    if (stat && stat->name.starts_with(prefix)) found.push_back({stat->name, stat->policy, stat->priority});
   }
   return found;
 }

@@ -3,7 +3,6 @@
 #include <cerrno>
 #include <fstream>
 #include <iterator>
-#include <sstream>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -11,6 +10,7 @@
 #include <unistd.h>
 
 #include "isolation/groups.hpp"
+#include "process/process.hpp"
 #include "settings/file.hpp"
 
 namespace ontime::isolation {
@@ -23,19 +23,12 @@ bool is_number(const std::string& text) {
 
 // From a thread's stat; nullopt: it has ended.
 std::optional<Thread> thread_of(const std::string& folder, pid_t id) {
-  constexpr std::size_t flags_at = 6;  // counted from the state on
-  constexpr unsigned long of_kernel = 0x0020'0000, no_setaffinity = 0x0400'0000;
-  const auto stat = settings::read_file(folder + "/stat");
-  if (!stat) return {};
-  const auto open = stat->find('('), close = stat->rfind(')');
-  if (open == stat->npos || close == stat->npos) return {};
-  std::istringstream text(stat->substr(close + 1));
-  const std::vector<std::string> words(std::istream_iterator<std::string>(text), {});
+  constexpr unsigned long no_setaffinity = 0x0400'0000;
+  const auto text = settings::read_file(folder + "/stat");
+  const auto stat = text ? process::parse_stat(*text) : std::nullopt;
   auto cpus = cpus_of_thread(id);
-  if (words.size() <= flags_at || words[0] == "Z" || cpus.empty()) return {};
-  const auto flags = std::stoul(words[flags_at]);
-  return Thread{id, stat->substr(open + 1, close - open - 1), std::move(cpus), (flags & of_kernel) != 0,
-                (flags & no_setaffinity) != 0};
+  if (!stat || stat->has_ended() || cpus.empty()) return {};
+  return Thread{id, stat->name, std::move(cpus), stat->is_of_kernel(), (stat->flags & no_setaffinity) != 0};
 }
 
 }  // namespace

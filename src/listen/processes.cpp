@@ -16,6 +16,7 @@
 #include <sys/vfs.h>
 
 #include "machine/proc.hpp"
+#include "process/process.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -58,14 +59,8 @@ std::uint64_t start_of(std::uint32_t process) {
   std::ifstream in(fmt::format("/proc/{}/stat", process));
   std::string text;
   std::getline(in, text, '\0');  // its name may have line breaks
-  const auto name_end = text.rfind(')');
-  if (name_end == text.npos) return 0;
-  std::istringstream rest(text.substr(name_end + 1));
-  std::string skipped;
-  std::uint64_t started = 0;
-  for (int field = 3; field < 22; ++field) rest >> skipped;
-  rest >> started;
-  return started;
+  const auto stat = process::parse_stat(text);
+  return stat ? stat->start_ticks : 0;
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstddef>
+#include <sstream>
 
 #include <signal.h>
 #include <spawn.h>
@@ -31,6 +32,33 @@ Started start(std::vector<std::string> command, const std::array<int, 3>& stream
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   return {pid, error};
+}
+
+std::optional<Stat> parse_stat(const std::string& text) {
+  const auto name_begin = text.find('(');
+  const auto name_end = text.rfind(')');  // a thread may call itself ") R 1 ("
+  if (name_begin == text.npos || name_end == text.npos || name_end < name_begin) return {};
+  Stat stat{};
+  std::istringstream number(text.substr(0, name_begin)), fields(text.substr(name_end + 1));
+  std::string skipped;
+  int next = 3;  // as proc(5) counts the fields
+  const auto read = [&](int at, auto& field) {
+    for (; next < at; ++next) fields >> skipped;
+    fields >> field;
+    ++next;
+  };
+  number >> stat.pid;
+  stat.name = text.substr(name_begin + 1, name_end - name_begin - 1);
+  read(3, stat.state);
+  read(4, stat.parent);
+  read(5, stat.group);
+  read(9, stat.flags);
+  read(10, stat.minor_faults);
+  read(12, stat.major_faults);
+  read(22, stat.start_ticks);
+  read(40, stat.priority);
+  read(41, stat.policy);
+  return number && fields ? std::optional(std::move(stat)) : std::nullopt;
 }
 
 bool has_ended(pid_t pid) {

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Child processes, and files in memory for what they read and write.
+// Child processes, files in memory for what they read and write, and what the kernel says of any process.
 #pragma once
 
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,6 +27,21 @@ Started start(std::vector<std::string> command, const std::array<int, 3>& stream
 // Whether it has ended. Its id stays taken until wait_for().
 bool has_ended(pid_t);
 int wait_for(pid_t);  // the status of waitpid()
+
+// A process, or a thread of one, in a file /proc/…/stat: proc(5).
+struct Stat {
+  pid_t pid, parent, group;  // pid: of a thread its own id
+  std::string name;
+  char state;
+  unsigned long flags;  // of <linux/sched.h>, PF_…
+  std::uint64_t minor_faults, major_faults;
+  std::uint64_t start_ticks;                                       // since boot
+  int priority, policy;                                            // as sched_setscheduler(2) counts them
+  bool has_ended() const { return state == 'Z' || state == 'X'; }  // but not yet waited for
+  bool is_of_kernel() const { return (flags & 0x0020'0000) != 0; }
+};
+// Of the text of such a file; nothing if that is cut, or another one's.
+std::optional<Stat> parse_stat(const std::string& text);
 
 // A file in memory, which is not limited as a pipe is: a child that writes into it never blocks.
 class Memory {

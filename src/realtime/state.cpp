@@ -9,6 +9,8 @@
 #include <fmt/format.h>
 #include <linux/perf_event.h>
 
+#include "process/process.hpp"
+
 namespace ontime::realtime {
 namespace {
 
@@ -43,18 +45,6 @@ std::string text_of(const std::string& path) {
   return text.str();
 }
 
-bool parse_stat(const std::string& text, ThreadState& state) {
-  // A thread may call itself ") R 1 (": only the last parenthesis ends the name.
-  const auto name_end = text.rfind(')');
-  if (name_end == text.npos) return false;
-  std::istringstream fields(text.substr(name_end + 1));
-  std::string skipped;
-  for (int field = 3; field < 10; ++field) fields >> skipped;
-  std::uint64_t child_faults = 0;
-  fields >> state.minor_faults >> child_faults >> state.major_faults;
-  return !fields.fail();
-}
-
 std::optional<std::string> status_field(const std::string& text, const std::string& key) {
   std::istringstream lines(text);
   for (std::string line; std::getline(lines, line);) {
@@ -72,7 +62,10 @@ std::optional<ThreadState> read(pid_t tid) {
   const auto attributes = attributes_of(tid);
   const auto status = text_of(folder + "status");
   const auto cpus = status_field(status, "Cpus_allowed_list");
-  if (!attributes || !cpus || !parse_stat(text_of(folder + "stat"), state)) return {};
+  const auto stat = process::parse_stat(text_of(folder + "stat"));
+  if (!attributes || !cpus || !stat) return {};
+  state.minor_faults = stat->minor_faults;
+  state.major_faults = stat->major_faults;
   state.policy = known_policy(attributes->policy);
   state.priority = static_cast<int>(attributes->priority);
   state.cpus = *cpus;

@@ -16,8 +16,6 @@
 
 namespace ontime::realtime {
 
-// Fills in the faults. False if the text is not such a file.
-bool parse_stat(const std::string& text, ThreadState&);
 // The value behind "key:" in a file such as status; nothing if there is no such line.
 std::optional<std::string> status_field(const std::string& text, const std::string& key);
 // Empty if it cannot be read.

@@ -256,17 +256,39 @@ ordered_json runs_json_of(const Runs& runs) {
           {"left_out", left_out}};
 }
 
-ordered_json json_of(const Pair& pair) {
+// The metrics that both sides have.
+ordered_json figures_of(const Pair& pair) {
   auto figures = ordered_json::array();
   for (const auto& row : rows)
     if (const auto change = change_of(pair, row.times, row.figure)) figures.push_back(json_of(row, *change));
+  if (!is_imported(pair)) return figures;
+  const auto &from = *pair.from.front(), &to = *pair.to.front();
+  const auto knows = [](const statistics::Summary& run, Figure figure) {
+    return run.wake_up.count >= statistics::metric_of(figure).one_in &&
+           !run.imported->is_lower_bound(run.wake_up[figure]);
+  };
+  const auto add = [&](Figure figure) {
+    if (!knows(from, figure) || !knows(to, figure)) return;
+    statistics::Change change;
+    change.from = static_cast<double>(from.wake_up[figure]);
+    change.to = static_cast<double>(to.wake_up[figure]);
+    if (change.from > 0) change.ratio = change.to / change.from;
+    figures.push_back(json_of({Times::round_trip, figure}, change));
+    figures.back()["figure"] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
+  };
+  for (const auto& metric : statistics::percentiles) add(metric.figure);
+  add(Figure::max);
+  return figures;
+}
+
+ordered_json json_of(const Pair& pair) {
   const auto not_the_same = array_of(differences(pair), [](const Difference& one) {
     return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
   });
   return {{"from", runs_json_of(pair.from)},
           {"to", runs_json_of(pair.to)},
           {"repeated", is_repeated(pair)},
-          {"figures", figures},
+          {"figures", figures_of(pair)},
           {"not_the_same", not_the_same}};
 }
 
@@ -330,10 +352,7 @@ std::string csv_of(const Comparison& comparison) {
                                      "key_to", "runs_from", "runs_to"};
   std::vector<std::vector<std::string>> lines;
   for (const auto& pair : comparison.pairs)
-    for (const auto& row : rows) {
-      const auto change = change_of(pair, row.times, row.figure);
-      if (!change) continue;
-      const auto figures = json_of(row, *change);
+    for (const auto& figures : figures_of(pair)) {
       const auto from = runs_json_of(pair.from), to = runs_json_of(pair.to);
       lines.push_back({cell_of(to.at("id")), cell_of(to.at("variant")), cell_of(to.at("transport")),
                        cell_of(from.at("key")), cell_of(to.at("key")), std::to_string(pair.from.size()),

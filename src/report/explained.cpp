@@ -2,15 +2,13 @@
 #include "report/explained.hpp"
 
 #include <algorithm>
-#include <cstdlib>
-#include <iterator>
 #include <map>
-#include <regex>
 #include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include "report/causes.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -77,78 +75,6 @@ WithoutCause without_cause(const Explained& one) {
   return counts;
 }
 
-// Late messages of `ontime listen` with the same cause: their texts differ only in times and in details.
-struct SameCause {
-  std::vector<const record::Note*> notes{};
-  // Of each time in the text, the shortest and the longest, in ms.
-  std::vector<std::pair<double, double>> times{};
-  bool has_same_details = true;  // all of them
-  std::vector<std::string> details{};
-};
-
-// "2026-11-25 03:50:43  ", before the text of a note of weeks; else empty.
-std::string date_of(const std::string& text) {
-  static const std::regex date(R"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  )");
-  std::smatch found;
-  return std::regex_search(text, found, date, std::regex_constants::match_continuous) ? found.str() : "";
-}
-std::string undated(const std::string& text) { return text.substr(date_of(text).size()); }
-
-// Calls the functions with the pieces of a text that `ontime listen` noted, in order: what is equal for the
-// same cause, the number of a time in ms, and a detail: a CPU, how many other threads ran, the number of a
-// process other than the late one.
-template <class Equal, class Time, class Detail>
-void each_piece(const std::string& text, const Equal& equal, const Time& time, const Detail& detail) {
-  static const std::regex varies(
-      R"(\b\d{1,9}\.\d(?= ms)|, CPU \d{1,5}| \[\d{1,10}\]| \d{1,5}(?= others \())");
-  std::string late_one;
-  auto rest = text.begin();
-  for (std::sregex_iterator next(text.begin(), text.end(), varies), end; next != end; ++next) {
-    equal(std::string(rest, (*next)[0].first));
-    rest = (*next)[0].second;
-    const auto piece = next->str();
-    if (piece.starts_with(" [") && late_one.empty()) late_one = piece;
-    if (piece == late_one)
-      equal(piece);
-    else if (piece.find_first_not_of("0123456789.") == piece.npos)
-      time(std::strtod(piece.c_str(), nullptr));
-    else
-      detail(piece);
-  }
-  equal(std::string(rest, text.end()));
-}
-
-// The most messages first.
-std::vector<SameCause> same_causes_of(const std::vector<record::Note>& notes) {
-  std::vector<SameCause> all;
-  // By what is equal and how many times are between; the text may contain anything.
-  std::map<std::pair<std::string, std::size_t>, std::size_t> places;
-  for (const auto& note : notes) {
-    std::string key;
-    std::vector<double> times;
-    std::vector<std::string> details;
-    each_piece(
-        undated(note.text), [&](const std::string& piece) { key += piece; },
-        [&](double ms) {
-          key += '\0';
-          times.push_back(ms);
-        },
-        [&](const std::string& piece) { details.push_back(piece); });
-    const auto [place, is_new] = places.try_emplace({key, times.size()}, all.size());
-    if (is_new) {
-      all.push_back({.details = details});
-      for (const auto ms : times) all.back().times.emplace_back(ms, ms);
-    }
-    auto& same = all[place->second];
-    same.notes.push_back(&note);
-    same.has_same_details = same.has_same_details && details == same.details;
-    for (std::size_t i = 0; i < times.size(); ++i)
-      same.times[i] = {std::min(same.times[i].first, times[i]), std::max(same.times[i].second, times[i])};
-  }
-  std::ranges::stable_sort(all, std::ranges::greater(), [](const auto& same) { return same.notes.size(); });
-  return all;
-}
-
 // The blanks of commands, so that a command can be copied from one line.
 constexpr const char* blank_of_command = "\u00a0";
 
@@ -169,33 +95,22 @@ std::string with_blanks(std::string text) {
 }
 
 std::string text_of(const SameCause& same, const Marks& marks) {
-  std::string text;
-  auto time = same.times.begin();
-  each_piece(
-      undated(same.notes.front()->text), [&](const std::string& piece) { text += piece; },
-      [&](double) {
-        const auto [least, most] = *time++;
-        text += least == most ? fmt::format("{:.1f}", most) : fmt::format("{:.1f} to {:.1f}", least, most);
-      },
-      [&](const std::string& piece) { text += same.has_same_details ? piece : ""; });
-  const std::string before_fix = "; fix: ";
-  const auto fix = text.find(before_fix);
   const auto* const first = *std::ranges::min_element(
       same.notes, {}, [](const record::Note* note) { return note->at_ns.value_or(0); });
-  auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(text.substr(0, fix)));
+  auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(same.text));
   if (first->message)
     lines += fmt::format("; {}message {}", same.notes.size() > 1 ? "first: " : "", *first->message);
   if (const auto date = date_of(first->text); !date.empty()) lines += "; " + date.substr(0, date.find("  "));
   lines += "\n";
-  if (fix != text.npos)
-    lines += fmt::format("{}{}\n", marks.below,
-                         with_whole_commands(printable(text.substr(fix + before_fix.size()))));
+  if (!same.fix.empty())
+    lines += fmt::format("{}{}\n", marks.below, with_whole_commands(printable(same.fix)));
   return lines;
 }
 
 std::string text_of_listened(const Explained& one, const Marks& marks) {
-  std::vector<record::Note> told;
-  std::ranges::copy_if(one.notes, std::back_inserter(told), tells_of_late);
+  std::vector<const record::Note*> told;
+  for (const auto& note : one.notes)
+    if (tells_of_late(note)) told.push_back(&note);
   if (one.account.late == 0)
     return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
   if (told.empty() && !one.run.outcome.causes) {
@@ -208,7 +123,8 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
   }
   auto text = fmt::format("{}{}: causes of {}{} of {} late messages", marks.heading, name_of(one),
                           one.run.asked.keeps_worst() ? "the worst " : "",
-                          std::ranges::count_if(told, is_cause), one.account.late);
+                          std::ranges::count_if(told, [](const auto* note) { return is_cause(*note); }),
+                          one.account.late);
   const auto without = without_cause(one);
   for (const auto& [words, count] : {std::pair("cause not seen", without.not_seen),
                                      {"no space in the file for the cause", without.no_space},

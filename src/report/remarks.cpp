@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "report/causes.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -150,6 +151,7 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
 
 // "at 3.2 s: the pong left".
 constexpr std::size_t most_notes = 5;
+constexpr std::size_t most_causes = 1000;  // to tell apart takes 0.03 ms each
 std::string text_of(const record::Note& note, const statistics::Summary& summary) {
   std::string text = printable(note.text.empty() ? note.kind : note.text);
   if (note.message) text += fmt::format(" (message {})", *note.message);
@@ -159,9 +161,10 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
 }
 
 void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
-  std::vector<const record::Note*> notes;
+  std::vector<const record::Note*> notes, of_late;
   for (const auto& note : summary.notes)
-    if (!note.kind.starts_with("search")) notes.push_back(&note);  // by these a search of settings resumes
+    if (!note.kind.starts_with("search"))  // by these a search of settings resumes
+      (note.kind == record::cause_of_late ? of_late : notes).push_back(&note);
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
@@ -171,12 +174,24 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
                                            : Requirement::none;
   };
   std::ranges::stable_sort(notes, std::greater(), requirement_of);
-  for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i) {
-    remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
-    remarks.back().requirement = requirement_of(notes[i]);
-  }
-  if (notes.size() > most_notes)
-    remarks.push_back({Weight::detail, many(notes.size() - most_notes, "more note", "more notes")});
+  std::size_t told = 0, left_out = of_late.size() - std::min(of_late.size(), most_causes);
+  const auto tell = [&](std::string text, Requirement requirement) {
+    if (told == most_notes) {
+      ++left_out;
+      return;
+    }
+    ++told;
+    remarks.push_back({Weight::caution, std::move(text)});
+    remarks.back().requirement = requirement;
+  };
+  of_late.resize(of_late.size() - left_out);
+  for (const auto* note : notes) tell(text_of(*note, summary), requirement_of(note));
+  for (const auto& [same, text, fix] : same_causes_of(of_late))
+    tell(same.size() == 1 ? text_of(*same.front(), summary)
+                          : printable(fmt::format("{} messages: {}{}", same.size(), text,
+                                                  fix.empty() ? "" : "; fix: " + fix)),
+         Requirement::none);
+  if (left_out > 0) remarks.push_back({Weight::detail, many(left_out, "more note", "more notes")});
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.

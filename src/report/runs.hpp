@@ -106,7 +106,6 @@ Verdict verdict_of(const Summaries&);
 std::uint64_t sent_of(const statistics::Summary&);
 // Such as gate::missed_note: gates are judged when a run is measured.
 bool has_note(const statistics::Summary&, const char* kind);
-std::string grouped(std::uint64_t count);  // "4,320,000"
 
 // What was requested and what was found.
 table::Table differences_of(const Summaries&);  // the conditions that differ between the runs

@@ -33,16 +33,6 @@ std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? 
 
 }  // namespace
 
-std::string grouped(std::uint64_t count) {
-  const auto digits = fmt::format("{}", count);
-  std::string text;
-  for (std::size_t i = 0; i < digits.size(); ++i) {
-    if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
-    text += digits[i];
-  }
-  return text;
-}
-
 std::uint64_t sent_of(const Summary& summary) { return fates_of(summary).sent; }
 
 Verdict verdict_of(const Summaries& summaries) {

@@ -10,6 +10,7 @@
 #include <sched.h>
 #include <sys/resource.h>
 
+#include "process/process.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -61,16 +62,10 @@ std::string text_of(const Scheduling& value) {
 
 // "PID:START:NAME" of a kernel thread; nothing if none has this id.
 std::optional<std::string> identity_of(const std::string& pid) {
-  constexpr std::size_t flags = 6, start = 19;  // counted from the state on
-  constexpr unsigned long is_of_kernel = 0x0020'0000;
-  const auto stat = read_file(fmt::format("/proc/{}/stat", pid));
-  if (!stat) return {};
-  const auto open = stat->find('('), close = stat->rfind(')');
-  if (open == stat->npos || close == stat->npos) return {};
-  std::istringstream text(stat->substr(close + 1));
-  const std::vector<std::string> words(std::istream_iterator<std::string>(text), {});
-  if (words.size() <= start || (std::stoul(words[flags]) & is_of_kernel) == 0) return {};
-  return fmt::format("{}:{}:{}", pid, words[start], stat->substr(open + 1, close - open - 1));
+  const auto text = read_file(fmt::format("/proc/{}/stat", pid));
+  const auto stat = text ? process::parse_stat(*text) : std::nullopt;
+  if (!stat || !stat->is_of_kernel()) return {};
+  return fmt::format("{}:{}:{}", pid, stat->start_ticks, stat->name);
 }
 
 // A container may have other thread ids and show no kernel threads: an invisible thread may still exist.
