@@ -9,7 +9,6 @@
 #include <set>
 #include <tuple>
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -17,6 +16,7 @@
 #include "flags.hpp"
 #include "listen_budget.hpp"
 #include "listen_chains.hpp"
+#include "listen_cost.hpp"
 #include "listen_results.hpp"
 #include "listen_sensor.hpp"
 #include "listen_verdict.hpp"
@@ -35,8 +35,6 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
-// A share of a CPU over less time says nothing.
-constexpr auto least_for_cost = 1s;
 
 // From a day on, recording every message would fill a disk.
 constexpr auto most_whole = 24h;
@@ -122,12 +120,10 @@ class Listening {
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes and sets probes, which takes seconds on a busy machine
-    listens_since_ = std::chrono::steady_clock::now();
-    own_before_ = own_cpu_time();
-    counted_from_ = std::chrono::system_clock::now();
+    cost_.begin();
     if (budget_) budget_->begin(*sensor, explainer != nullptr);
     std::chrono::steady_clock::time_point hand_over_at;
-    while (interrupts == 0 && (!time_ || listened() < *time_)) {
+    while (interrupts == 0 && (!time_ || cost_.listened() < *time_)) {
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
@@ -180,9 +176,9 @@ class Listening {
       topics.insert(flow.topic);
       messages += flow.messages;
     }
-    const auto time = time_                       ? about(*time_ - listened()) + " left"
-                      : arguments_.is_recording() ? about(listened())
-                                                  : about(listened()) + "; Ctrl-C ends it";
+    const auto time = time_                       ? about(*time_ - cost_.listened()) + " left"
+                      : arguments_.is_recording() ? about(cost_.listened())
+                                                  : about(cost_.listened()) + "; Ctrl-C ends it";
     return fmt::format("listening: {}, {}, {}", table::many(topics.size(), "topic", "topics"),
                        table::many(messages, "message", "messages"), time);
   }
@@ -332,10 +328,10 @@ class Listening {
   void write(const listen::Findings& findings) {
     const auto forgotten = findings.all_forgotten();
     if (as_json_) {
-      const auto from_ns =
-          std::chrono::duration_cast<std::chrono::nanoseconds>(counted_from_.time_since_epoch()).count();
+      auto cost = cost_.json(findings.cost);
+      cost["budget"] = budget_ ? budget_->json() : ordered_json();
       ordered_json json{
-          {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
+          {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(cost_.from_ns())},
           {"flows", ordered_json::array()},
           {"chains", ordered_json::array()},
           {"misses", ordered_json::array()},
@@ -345,7 +341,7 @@ class Listening {
             {"messages", forgotten.messages},
             {"with_misses", forgotten.with_misses}}},
           {"sensor_lost", findings.sensor_lost},
-          {"cost", json_of_cost(findings.cost)},
+          {"cost", cost},
           {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
       for (const auto& chain : findings.chains) json["chains"].push_back(json_of(chain));
@@ -362,7 +358,7 @@ class Listening {
       output_.write(wrapped_lines(
           "not judged: messages that ontime may have delayed while it set or removed probes", width_));
     if (!arguments_.list && !arguments_.is_recording())
-      output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
+      output_.write(cost_.text(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)
       print_error(
           fmt::format("the sensor dropped {} events: losses and periods across these gaps are not counted",
@@ -377,51 +373,6 @@ class Listening {
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 
-  std::chrono::nanoseconds listened() const { return std::chrono::steady_clock::now() - listens_since_; }
-  bool has_cost() const { return listened() >= least_for_cost; }
-  double share_of_cpu(double ns) const { return ns / static_cast<double>(listened().count()); }
-
-  // With the thread that reads the kernel's events.
-  double own_share_of_cpu() const {
-    return share_of_cpu(static_cast<double>((own_cpu_time() - own_before_).count()));
-  }
-
-  ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
-    const auto share = [this](double of_cpu) { return has_cost() ? ordered_json(of_cpu) : ordered_json(); };
-    ordered_json json{{"ontime_cpu_share", share(own_share_of_cpu())},
-                      {"probes", nullptr},
-                      {"budget", budget_ ? budget_->json() : ordered_json()}};
-    if (cost)
-      json["probes"] = {{"publishes", cost->publishes}, {"publish_ns", cost->publish_ns},
-                        {"takes", cost->takes},         {"take_ns", cost->take_ns},
-                        {"turns", cost->turns},         {"stepped", cost->stepped},
-                        {"step_ns", cost->step_ns},     {"cpu_share", share(share_of_cpu(cost->total_ns()))}};
-    return json;
-  }
-
-  // Earlier messages are not counted.
-  std::string text_of_time() const {
-    const std::chrono::duration<double> time = listened();  // steady, even if the clock is set meanwhile
-    return labelled(
-        "counted",
-        fmt::format("from {:%T}, for {:.1f} s; a node that starts later: within 1 s of its start",
-                    fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count()));
-  }
-
-  std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
-    if (!has_cost()) return "";
-    auto text = fmt::format("ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
-    if (cost)
-      text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",
-                          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
-                          cost->takes, cost->take_ns / 1e3);
-    if (cost && cost->turns > 0)
-      text += fmt::format(", {} other calls of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
-    if (cost && cost->stepped > 0)
-      text += fmt::format("; {} of these calls {:.1f} µs more", cost->stepped, cost->step_ns / 1e3);
-    return labelled("cost", text);
-  }
-
   const ListenArguments& arguments_;
   const listen::Limits limits_;
   const std::vector<listen::ChainWish> chains_;
@@ -434,10 +385,7 @@ class Listening {
   const bool as_json_;
   Output output_;
   const std::size_t width_;  // of its lines
-  // Start of counting messages and CPU time.
-  std::chrono::system_clock::time_point counted_from_;
-  std::chrono::steady_clock::time_point listens_since_;
-  std::chrono::nanoseconds own_before_{};
+  ListenCost cost_;
   watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`

@@ -5,9 +5,9 @@
 #include <chrono>
 
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include "campaign/campaign.hpp"
+#include "listen_cost.hpp"
 #include "listen_words.hpp"
 #include "output.hpp"
 #include "table/table.hpp"
@@ -37,15 +37,6 @@ double share_of(const std::string& text) {
 }
 
 }  // namespace
-
-std::chrono::nanoseconds own_cpu_time() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  const auto time_of = [](const timeval& time) {
-    return std::chrono::seconds(time.tv_sec) + std::chrono::microseconds(time.tv_usec);
-  };
-  return time_of(usage.ru_utime) + time_of(usage.ru_stime);
-}
 
 ListenBudget::ListenBudget(const std::string& text) : share_(share_of(text)) {}
 

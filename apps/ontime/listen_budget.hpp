@@ -13,9 +13,6 @@
 
 namespace ontime::app {
 
-// CPU time of this process, all threads, since it began.
-std::chrono::nanoseconds own_cpu_time();
-
 class ListenBudget {
  public:
   // "1%": of one CPU. Throws campaign::Error{2}.

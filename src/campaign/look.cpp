@@ -63,8 +63,7 @@ std::string Look::why_not(const std::string& key, const std::string& value) cons
   if (key == "realtime.cpu-latency") return parts_->why_no_latency();
   if (!key.starts_with(of_kernel)) return "";
   auto run = parts_->run;
-  for (const auto& one : keys())
-    if (one.path == key) one.set(run, value);
+  if (const auto* const known = key_named(key)) known->set(run, value);
   return parts_->why_not_of_kernel(key.substr(of_kernel.size()), run.kernel);
 }
 

@@ -127,7 +127,8 @@ struct Field {
 using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
-const std::vector<Key>& keys();  // all fields with a path
+const std::vector<Key>& keys();               // all fields with a path
+const Key* key_named(std::string_view path);  // null: there is none
 // The current name of a run's key: "background.rate" for the earlier "neighbours.rate", which is still read.
 std::string current_key(const std::string& key);
 

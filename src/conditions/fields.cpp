@@ -7,6 +7,8 @@
 #include <sstream>
 #include <string_view>
 
+#include "transport/dds.hpp"
+
 namespace ontime::conditions {
 namespace {
 
@@ -17,7 +19,6 @@ using std::chrono::nanoseconds;
 using transport::Config;
 
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
-constexpr std::int64_t max_domain = 232;  // the highest with valid ports
 
 nanoseconds period_of(Text text) {
   const auto period = positive_duration(text, 1h);
@@ -189,7 +190,7 @@ Fields fields_of_topics() {
   auto name_space = said_at({"namespace", "--namespace", "", "namespace of the topics, such as /robot", both},
                             absolute, &Run::ros_namespace);
   name_space.parts = {"ping_topic", "pong_topic"};
-  const auto domain = number<int>(0, max_domain);
+  const auto domain = number<int>(0, transport::dds::max_domain);
   const auto in_qos = [](auto member) { return within(&Run::task, &Task::config, &Config::qos, member); };
   return {
       recorded("domain", domain, in_config(&Config::domain),
@@ -336,19 +337,23 @@ const json& member_of(const json& record, const std::string& path) {
   return *here;
 }
 
+const Key* key_named(std::string_view path) {
+  const auto& all = keys();
+  const auto found = std::ranges::find(all, path, &Key::path);
+  return found == all.end() ? nullptr : &*found;
+}
+
 std::vector<json::json_pointer> places_of(const std::string& key) {
   // A transport's own: what follows is one name, whatever it has in it.
   for (const auto& [path, member] : {std::pair<std::string, const char*>{"options.", "options"},
                                      {"component.options.", "component_options"}})
     if (key.starts_with(path)) return {pointer(member) / key.substr(path.size())};
+  const auto* const known = key_named(key);
+  if (known == nullptr) return {pointer(key)};
+  if (!known->json.empty()) return {pointer(known->json)};
   std::vector<json::json_pointer> places;
-  for (const auto& field : keys())
-    if (field.path == key) {
-      if (!field.json.empty()) return {pointer(field.json)};
-      for (const auto& part : field.parts) places.push_back(pointer(part));
-      return places;
-    }
-  return {pointer(key)};
+  for (const auto& part : known->parts) places.push_back(pointer(part));
+  return places;
 }
 
 json to_json(const Run& run) {

@@ -228,9 +228,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
           {field.path, text, std::ranges::find(in_labels_alone, field.path) != std::end(in_labels_alone)});
   };
   const auto say = [&](std::initializer_list<std::string_view> paths) {
-    for (const auto path : paths)
-      for (const auto& field : conditions::keys())
-        if (field.path == path) add_field(field);
+    for (const auto path : paths) add_field(*conditions::key_named(path));
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
   if (asked.is_listened()) done.insert("schedule");

@@ -48,13 +48,12 @@ void drop_what_follows(json& asked, const std::string& key, const std::string& v
   for (const auto& place : places)
     if (asked.contains(place)) alone[place] = asked[place];
   auto said = conditions::run_of_record(alone);
-  for (const auto& field : conditions::keys())
-    if (field.path == key) try {
-        conditions::Run of_scenario;
-        field.set(of_scenario, value);
-        said = std::move(of_scenario);
-      } catch (const std::exception&) {  // a record's number has no unit, and nothing but its group follows
-      }
+  if (const auto* const field = conditions::key_named(key)) try {
+      conditions::Run of_scenario;
+      field->set(of_scenario, value);
+      said = std::move(of_scenario);
+    } catch (const std::exception&) {  // a record's number has no unit, and nothing but its group follows
+    }
   const auto follows = record::conditions_of(conditions::to_json(said));
   for (const auto& [name, member] : follows.items())
     if (record::at(asked, name) == member) asked.erase(name);

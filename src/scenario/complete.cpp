@@ -11,6 +11,7 @@
 #include <fmt/ranges.h>
 
 #include "spelling/spelling.hpp"
+#include "transport/dds.hpp"
 #include "transport/shipped.hpp"
 
 namespace ontime::scenario {
@@ -22,7 +23,6 @@ using transport::Capabilities;
 using Text = const std::string&;
 
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
-constexpr std::int64_t max_domain = 232;       // the highest with valid ports
 
 std::string whole_topic(const Run& run, Text name) {
   if (name.starts_with('/')) return name;
@@ -83,7 +83,7 @@ int domain_of_environment() {
   const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   if (id == nullptr || *id == '\0') return 0;
   try {
-    return static_cast<int>(number_of(id, 0, max_domain));
+    return static_cast<int>(number_of(id, 0, transport::dds::max_domain));
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(
         fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or set the domain", error.what()));

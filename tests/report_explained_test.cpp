@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ontime explain` prints.
+#include <algorithm>
+#include <regex>
+
+#include <fmt/format.h>
+
+#include "report/explained.hpp"
+#include "report_fixture.hpp"
+#include "table/table.hpp"
+
+namespace ontime::report {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+TEST(OwnMessages, OnTimeMessagesNeedNoCause) {
+  for (const bool is_late : {false, true}) {
+    record::Writer writer("");
+    const auto number = writer.begin_run({{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}});
+    Sample sample{};
+    sample.received_ns = ms;
+    sample.fate = is_late ? Fate::late : Fate::on_time;
+    writer.append(number, {&sample, 1});
+    writer.end_run(number, {{"loss_unknown", true}});
+    const auto reader = writer.reader();
+    const auto run = reader.runs().at(0);
+    const auto text = render_explained({{run, explain::account_of(reader, run), {}}}, Format::table);
+    EXPECT_THAT(text, HasSubstr(is_late ? "causes unknown" : "no message was late"));
+  }
+}
+
+TEST(RenderExplained, RunsWithoutExplainAreCountedInOneLine) {
+  std::vector<Explained> all(12);
+  const auto none = render_explained(all, Format::table);
+  EXPECT_THAT(none, AllOf(HasSubstr("12 runs"), HasSubstr("explain: on")));
+  EXPECT_EQ(std::ranges::count(none, '\n'), 1);
+  all.front().account.traced = true;
+  EXPECT_THAT(render_explained(all, Format::table),
+              AllOf(HasSubstr("nothing was late or lost"), HasSubstr("11 of the 12 runs")));
+  EXPECT_THAT(render_explained({all.back()}, Format::table), HasSubstr("run 0"));
+}
+
+TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
+  Explained one;
+  one.account.traced = true;
+  one.account.late = 1;
+  explain::Group group;
+  group.messages = 23;
+  group.culprit.cause = explain::Cause::idle_cpu;
+  group.culprit.end = "controller";
+  group.culprit.thread = "send";
+  group.remedy = {{{"realtime.cpu-latency", "0 us"}}, std::string(60, 'x')};
+  one.account.groups = {group};
+  const auto text = render_explained({one}, Format::table);
+  std::size_t more = 0;
+  for (const auto& line : table::split(text, '\n')) {
+    EXPECT_LE(table::width_of(line), 80) << line;
+    more += line.starts_with(std::string(10, ' ')) ? 1 : 0;
+  }
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("\n    23  ping's send thread"), HasSubstr("\n       → realtime.cpu-latency")));
+  EXPECT_GE(more, 2U);
+  const auto markdown = render_explained({one}, Format::markdown);
+  EXPECT_THAT(markdown, HasSubstr("or a hypervisor paused it"));
+
+  one.account.limits = {"x: " + std::string(100, ' ')};
+  EXPECT_NO_THROW(render_explained({one}, Format::table)) << "blanks alone are left";
+}
+
+TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 8;
+  one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
+  const auto counts = [&] {
+    return nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("without_cause");
+  };
+  EXPECT_EQ(counts().at("unknown"), 3) << "the file does not tell";
+  one.run.outcome = nlohmann::json{{"causes", {{"seen", 6}, {"not_seen", 1}}}};
+  const auto text = render_explained({one}, Format::table);
+  EXPECT_THAT(text, HasSubstr("5 of 8 late messages"));
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("cause not seen: 1"), HasSubstr("in the file"), HasSubstr("not examined")));
+  EXPECT_EQ(counts(),
+            nlohmann::json({{"not_seen", 1}, {"no_space", 1}, {"not_examined", 1}, {"unknown", 0}}));
+  one.notes.clear();
+  EXPECT_EQ(counts().at("no_space"), 6);
+  EXPECT_THAT(render_explained({one}, Format::table), Not(HasSubstr("only as root")));
+  one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
+  one.account.late = 5;
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
+}
+
+TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 4;
+  const auto add = [&](const std::string& took, const std::string& hog, const std::string& waited, int cpu,
+                       std::uint64_t message) {
+    const auto text = fmt::format(
+        "{} ms old (limit 5 ms): node [7] (thread recv), SCHED_OTHER, waited for a CPU while {} ran: {} ms, "
+        "CPU {}; fix: SCHED_FIFO for node [7] (chrt -a -f -p 50 7), or other CPUs for {} (taskset)",
+        took, hog, waited, cpu, hog);
+    one.notes.push_back({record::cause_of_late, text, static_cast<std::int64_t>(message), message});
+  };
+  add("16.1", "idler [9]", "15.0", 1, 4);
+  add("34.4", "hog [21]", "17.1", 1, 12);
+  add("6.1", "hog [22]", "4.0", 0, 8);
+  add("20.0", "hog", "15.9", 1, 30);  // it ended before its process was found
+  const auto text = render_explained({one}, Format::table);
+  for (const auto& line : table::split(text, '\n')) EXPECT_LE(table::width_of(line), 80) << line;
+  const auto one_line = std::regex_replace(text, std::regex("\\s+"), " ");
+  EXPECT_THAT(one_line, HasSubstr(" 3 6.1 to 34.4 ms old (limit 5 ms): node [7] (thread recv)"));
+  EXPECT_THAT(one_line, HasSubstr("while hog ran: 4.0 to 17.1 ms; first: message 8 →"));
+  EXPECT_THAT(one_line, HasSubstr(" 1 16.1 ms old"));
+  EXPECT_THAT(one_line, HasSubstr("while idler [9] ran: 15.0 ms, CPU 1; message 4 →"));
+  EXPECT_THAT(text, HasSubstr("(chrt -a -f -p 50 7)")) << "a command stays on one line";
+  EXPECT_LT(text.find("6.1 to"), text.find("16.1 ms")) << "most messages first";
+  EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
+}
+
+TEST(OwnMessages, AnotherNumberOfCulpritsIsNoOtherCause) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  for (const auto* const others : {"7", "9"})
+    one.notes.push_back({record::cause_of_late,
+                         fmt::format("6.0 ms old: a [7] waited while {} others (longest: b) ran", others),
+                         {},
+                         {}});
+  EXPECT_THAT(render_explained({one}, Format::table),
+              HasSubstr("2  6.0 ms old: a [7] waited while others (longest"));
+}
+
+TEST(OwnMessages, TextOfAForeignFileWithNulIsAnotherCause) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  using namespace std::string_literals;
+  one.notes.push_back({record::cause_of_late, "\0 ms old"s, {}, {}});
+  one.notes.push_back({record::cause_of_late, "6.0 ms old", {}, {}});
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("1  6.0 ms old"));
+}
+
+TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 2;
+  const std::string text = "  6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it";
+  for (const auto* const second : {"01", "02"})
+    one.notes.push_back({record::cause_of_late, std::string("2026-11-27 14:00:") + second + text, {}, {}});
+  const auto one_line = std::regex_replace(render_explained({one}, Format::table), std::regex("\\s+"), " ");
+  EXPECT_THAT(one_line, HasSubstr(" 2 6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it; "
+                                  "2026-11-27 14:00:01 "));
+}
+
+}  // namespace
+}  // namespace ontime::report
