@@ -20,7 +20,7 @@ class ListenCost {
   void begin();                  // what was before does not count
   std::int64_t from_ns() const;  // the system's clock at begin()
   std::chrono::nanoseconds listened() const;
-  // `probes`: in the nodes; nothing: there are none.
+  // `probes`: in the nodes; nothing: it sets no probes.
   std::string text(const std::optional<listen::Cost>& probes) const;
   nlohmann::ordered_json json(const std::optional<listen::Cost>& probes) const;
 

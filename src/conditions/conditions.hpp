@@ -128,7 +128,7 @@ using Key = Field;  // one with a path
 const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
 const std::vector<Key>& keys();               // all fields with a path
-const Key* key_named(std::string_view path);  // null: there is none
+const Key* key_named(std::string_view path);  // null: no key has it
 // The current name of a run's key: "background.rate" for the earlier "neighbours.rate", which is still read.
 std::string current_key(const std::string& key);
 

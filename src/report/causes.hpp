@@ -13,7 +13,7 @@ struct SameCause {
   std::vector<const record::Note*> notes{};
   // What they say: of each time the shortest and the longest; details, such as a CPU, only if all have the
   // same.
-  std::string text{}, fix{};  // fix: "" if there is none
+  std::string text{}, fix{};  // fix: "" if nothing helps
 };
 // Of notes why a message was late, which stay where they are. The most messages first.
 std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>&);
