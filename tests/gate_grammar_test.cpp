@@ -35,6 +35,7 @@ TEST(Parse, KnowsEveryFigureAndUnit) {
       {"ns", 1}, {"us", 1e3}, {"µs", 1e3}, {"ms", 1e6}, {"s", 1e9}};
   for (const auto& [unit, ns] : units)
     EXPECT_DOUBLE_EQ(parse(std::string("max > 1.5") + unit, Use::fail_if).limit, 1.5 * ns) << unit;
+  EXPECT_EQ(parse("max > 1.001 ms", Use::fail_if).limit, 1'001'000) << "such a maximum is not beyond it";
 }
 
 TEST(Parse, CountsAndShares) {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gate/gate.hpp"
-#include "report/answer.hpp"
-#include "report_fixture.hpp"
+#include "report_answers.hpp"
 
 namespace ontime::report {
 namespace {
@@ -15,33 +14,6 @@ using ::testing::IsEmpty;
 using ::testing::Not;
 using ::testing::StartsWith;
 using State = Answer::State;
-
-const Origin kept{"demo.ontime", true};
-
-struct Conditions {
-  bool load = false, realtime = false;
-};
-Summary run(std::int64_t number, const std::string& id, const std::string& transport, Conditions conditions,
-            std::uint64_t missed = 0, int repetition = 1) {
-  auto one = summary(asked(id, transport, repetition), outcome());
-  if (!conditions.load) amend(one.run.asked, "/load", {{"controller", {{"cpu", 0}, {"hdd_bytes", 0}}}});
-  amend(one.run.asked, "/realtime", conditions.realtime);
-  amend(one.run.asked, "/scenario_file", "/home/me/scenarios/demo.yaml");
-  one.run.number = number;
-  one.run.key = id + transport;
-  one.late = one.late_by_response.emplace(missed);
-  one.on_time = one.sent - missed;
-  return one;
-}
-
-// Too short to prove that less than 1 in 10,000 is late, which takes 5 minutes.
-Summary run_without_a_late_message() {
-  auto one = run(1, "a", "udp", {});
-  one.missed_probability.messages = 2000;
-  one.missed_probability.bound = 1.5e-3;
-  one.message_every_ns = 10 * ms;
-  return one;
-}
 
 // The demo's: idle, load, both with real-time settings; the load is what makes messages late.
 std::vector<Summary> demo() {
@@ -57,12 +29,6 @@ std::vector<Summary> demo() {
       runs.push_back(run(number, id, transport, conditions, static_cast<std::uint64_t>(missed)));
     }
   return runs;
-}
-
-std::vector<std::string> commands_of(const Answer& answer) {
-  std::vector<std::string> commands;
-  for (const auto& step : answer.next) commands.push_back(step.command);
-  return commands;
 }
 
 TEST(AnswerSteps, CommandThatFitsOneLineIsOnOne) {
@@ -338,7 +304,6 @@ TEST(Answer, APercentileBeyondAnImportedHistogramIsALowerBound) {
   auto one = run(1, "a", "", {});
   one.imported.emplace();
   one.imported->beyond = 100;
-  one.imported->beyond_from_ns = one.wake_up[statistics::Figure::p99];
   const auto answer = answer_of({one}, kept);
   EXPECT_FALSE(answer.rows.front().p50->is_least);
   EXPECT_TRUE(answer.rows.front().p99->is_least);

@@ -47,6 +47,28 @@ TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
   EXPECT_THAT(text, HasSubstr("All metrics:  ontime compare a b --full"));
 }
 
+TEST(CompareAnswer, ShowsWhatChangedFirst) {
+  std::vector<Summary> a, b;
+  for (int i = 0; i < 12; ++i) {
+    const auto id = "x" + std::to_string(i);
+    a.push_back(with_misses(id, id, 900));
+    b.push_back(with_misses(id, id, i == 11 ? 30 : 900));
+  }
+  const auto text = answer_of(compare(a, b));
+  EXPECT_THAT(text, ::testing::ContainsRegex("x11 udp +1\\.5 % → 0\\.05 % \\*"));
+  EXPECT_THAT(text, HasSubstr("… and 3 more"));
+}
+
+TEST(CompareAnswer, RunsPerRowAreCountedByRow) {
+  std::vector a{with_misses("x", "k1", 900), with_misses("y", "k2", 900)}, b = a;
+  for (const int repetition : {2, 3}) {
+    a.push_back(with_misses("x", "k1", 900));
+    amend(a.back().run.asked, "/repetition", repetition);
+  }
+  a.back().run.outcome = json{{"interrupted", true}};
+  EXPECT_THAT(answer_of(compare(a, b)), HasSubstr("runs per row: 1 to 2 and 1"));
+}
+
 TEST(CompareAnswer, ChangeWithinChanceIsNotProven) {
   const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 101)};
   EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference in "));

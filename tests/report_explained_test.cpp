@@ -71,6 +71,13 @@ TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   EXPECT_NO_THROW(render_explained({one}, Format::table)) << "blanks alone are left";
 }
 
+TEST(RenderExplained, JsonSendsATerminalNoControlCharacter) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "a"}, {"component", "arm\u009b"}};
+  EXPECT_THAT(render_explained({one}, Format::json),
+              AllOf(HasSubstr("\\u009b"), ::testing::Not(HasSubstr("\u009b"))));
+}
+
 TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};

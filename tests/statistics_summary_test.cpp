@@ -256,6 +256,24 @@ TEST(Summary, CountsWhatIsLateOrLostInARow) {
   EXPECT_THAT(summary.extremes.refused, AllOf(HasSubstr("needed 1000"), HasSubstr("found 8")));
 }
 
+TEST(Summary, LongestBurstIsOneBurst) {
+  std::vector<Sample> samples;
+  const auto add = [&](int count, std::int64_t every_ns, std::int64_t took_ns) {
+    for (int i = 0; i < count; ++i) {
+      const auto due_ns = (samples.empty() ? 1000 * ms : samples.back().due_ns) + every_ns;
+      samples.push_back(answered(samples.size(), due_ns, 0, took_ns));
+    }
+  };
+  for (const auto& [count, every_ns] : {std::pair{4, 20 * ms}, {2, 1000 * ms}}) {
+    add(1, 20 * ms, ms);
+    add(count, every_ns, 12 * ms);
+  }
+  add(1, 20 * ms, ms);
+  const auto summary = summary_of(samples, asked_next_free);
+  EXPECT_EQ(summary.bursts.longest, 4u);
+  EXPECT_EQ(summary.bursts.longest_ns, 3 * 20 * ms);
+}
+
 TEST(Summary, IsTheSameOfSamplesReadInSeveralBlocks) {
   std::vector<Sample> samples;
   for (std::int64_t i = 0; i < 40'000; ++i)

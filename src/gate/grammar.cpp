@@ -111,7 +111,8 @@ class Parser {
     for (const auto& [name, ns] : times_ns)
       if (unit == name) {
         if (is_share()) fail(unit_at, "late and lost take a number of messages or a %, not a time");
-        return set(relative ? Gate::Limit::difference : Gate::Limit::absolute, sign * number * ns);
+        return set(relative ? Gate::Limit::difference : Gate::Limit::absolute,
+                   sign * std::round(number * ns * 1e3) / 1e3);  // "1.001 ms" is 1,001,000 ns
       }
     fail(unit_at, fmt::format("'{}' is not a unit here. Units: {}", unit,
                               is_share() ? relative ? "% (of the earlier value), points (% of all messages)"

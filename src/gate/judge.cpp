@@ -293,7 +293,7 @@ std::string name_of(const Summary& run) {
 std::string name_of(const Runs& runs) {
   const auto& asked = runs.front()->run.asked;
   auto name = fmt::format("{:.{}}", asked.id, longest_id);
-  if (name.size() < asked.id.size()) name += "…";
+  if (name.size() < asked.id.size()) name = fmt::format("{:.{}}…", asked.id, longest_id - 1);
   for (const auto& word : {asked.variant, asked.task.transport})
     if (!word.empty()) name += " " + word;
   if (!asked.beside.empty()) name += " beside " + asked.beside;

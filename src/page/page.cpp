@@ -65,13 +65,14 @@ std::string row_of(const Summary& summary, const std::string& label, std::size_t
   };
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(label)) +
-         count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
+         count_cell(summary.sent, "sent", false) +
+         (statistics::knows_late(summary.run) ? count_cell(summary.late, "late", true) : unknown) +
          (!by_response                ? ""
           : !summary.late_by_response ? unknown
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
-         count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
-         time(of.mean, "mean") + quantile(Figure::p50) + quantile(Figure::p99) + quantile(Figure::p99_9) +
-         time(static_cast<double>(of.max), "max") +
+         (statistics::knows_loss(summary.run) ? count_cell(summary.lost, "lost", true) : unknown) +
+         time(static_cast<double>(of.min), "min") + time(of.mean, "mean") + quantile(Figure::p50) +
+         quantile(Figure::p99) + quantile(Figure::p99_9) + time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -174,8 +175,9 @@ std::string details(const std::string& summary, const std::string& content, bool
 
 std::string time_figure(const Summary& run, const std::string& label, std::size_t figure) {
   const auto& of = run.round_trip;
-  auto text =
-      fmt::format("{} messages, {} late, {} lost", grouped(run.sent), grouped(run.late), grouped(run.lost));
+  auto text = grouped(run.sent) + " messages";
+  if (statistics::knows_late(run.run)) text += fmt::format(", {} late", grouped(run.late));
+  if (statistics::knows_loss(run.run)) text += fmt::format(", {} lost", grouped(run.lost));
   if (of.count > 0)
     text += fmt::format("; {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
                         microseconds(of[Figure::p50]));

@@ -56,6 +56,22 @@ std::uint64_t missed_of(const Summary& run) {
   return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
+struct Wait {
+  double ns;
+  bool is_open;  // no answer ended it, or none whose time is known
+};
+Wait worst_wait_of(const Summary& run) {
+  const auto& client = run.run.asked.task.client;
+  const auto& counted = run.run.outcome.counters;
+  const auto ended_ns = static_cast<double>(std::max(run.response.max, run.round_trip.max));
+  auto open_ns = static_cast<double>(run.open_wait_ns);
+  // Where samples are missing, the client's counts tell at least how long the waits were.
+  if (std::max(run.lost, counted.lost) > 0)
+    open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
+  if (counted.late > run.late) open_ns = std::max(open_ns, static_cast<double>(client.deadline.count()));
+  return {std::max(ended_ns, open_ns), open_ns > 0 && open_ns >= ended_ns};
+}
+
 Row row_of(const Group& runs, const std::string& name) {
   const auto& first = *runs.front();
   Row row;
@@ -70,14 +86,10 @@ Row row_of(const Group& runs, const std::string& name) {
     if (run->imported) continue;
     row.cycles += sent_of(*run) + run->skipped_cycles;
     row.missed += missed_of(*run);
-    auto wait_ns = static_cast<double>(std::max(run->response.max, run->round_trip.max));
-    const auto timeout_ns = static_cast<double>(run->run.asked.task.client.timeout.count());
-    const auto open_ns = std::max(static_cast<double>(run->open_wait_ns), run->lost > 0 ? timeout_ns : 0);
-    if (open_ns > 0) {
-      row.is_open = row.is_open || open_ns >= wait_ns;
-      wait_ns = std::max(wait_ns, open_ns);
-    }
-    if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
+    const auto [wait_ns, is_open] = worst_wait_of(*run);
+    const auto before_ns = row.worst_wait_ns.value_or(0);
+    if (wait_ns > before_ns) row.worst_wait_ns = wait_ns;
+    if (wait_ns > 0 && wait_ns >= before_ns) row.is_open = is_open || (row.is_open && wait_ns == before_ns);
   }
   row.p50 = spread_of(runs, Figure::p50);
   row.p99 = spread_of(runs, Figure::p99);
@@ -190,7 +202,10 @@ std::string worst_named(const Class& worst) {
   return fmt::format("; worst: {}", name_of(worst_of(worst)->row, with_id));
 }
 
-// Of a robot's own messages.
+constexpr const char* no_limit_words =
+    "No limit is set (--deadline, --period, --age): no message counts as late.";
+
+// Of a robot's own messages, whose class has some that can be late or lost.
 std::string sentence_of_listened(const Class& all) {
   const bool has_limit = std::ranges::any_of(
       all.entries, [](const Entry* entry) { return statistics::knows_late(entry->runs.front()->run); });
@@ -198,9 +213,8 @@ std::string sentence_of_listened(const Class& all) {
       all.entries, [](const Entry* entry) { return statistics::knows_loss(entry->runs.front()->run); });
   if (all.high > 0)
     return fmt::format("{} of the messages were late or lost{}.", all.range(), worst_named(all));
-  const std::string none_can = "No limit is set (--deadline, --period, --age): no message counts as late.";
-  if (!knows_loss) return (has_limit ? "No message was late." : none_can) + " Lost messages are unknown.";
-  return has_limit ? "No message was late or lost." : "No message was lost. " + none_can;
+  if (!knows_loss) return "No message was late. Lost messages are unknown.";
+  return has_limit ? "No message was late or lost." : fmt::format("No message was lost. {}", no_limit_words);
 }
 
 // One class: its total. Two classes: their contrast. Never pooled over opposite conditions.
@@ -316,12 +330,13 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   for (const auto* run : runs)
     if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
   const auto* const where = runs.size() > 1 ? " in a run" : "";
+  const auto* const what = all_listened(runs) ? "messages" : "answers";
   if (fewest < statistics::metric_of(Figure::p99).one_in)
-    cautions.push_back(fmt::format("too few answers ({}{}) for p99", grouped(fewest), where));
+    cautions.push_back(fmt::format("too few {} ({}{}) for p99", what, grouped(fewest), where));
   else if (fewest < 1000)
-    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
+    cautions.push_back(fmt::format("few {} ({}{}): p99 is a rough estimate", what, grouped(fewest), where));
   else if (fewest < 30'000 && fewest != UINT64_MAX)  // 30 must be slower: statistics/course.cpp
-    cautions.push_back(fmt::format("{} answers{} are too few to bound {}", grouped(fewest), where,
+    cautions.push_back(fmt::format("{} {}{} are too few to bound {}", grouped(fewest), what, where,
                                    fewest < 3'000 ? "p99" : "p99.9"));
   return cautions;
 }
@@ -330,19 +345,25 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
 
 // So long a run without a late message would bound their share by the next power of ten.
 void add_longer(Findings& found, const std::vector<Entry>& entries) {
-  double bound = 0, every_ns = 0, effect = 1;
+  double bound = 0;
   for (const auto& entry : entries)
-    for (const auto* run : entry.runs) {
-      const auto& missed = run->missed_probability;
-      if (missed.messages == 0 || missed.bound <= bound) continue;
-      bound = missed.bound;
-      effect = missed.effect;
-      every_ns = run->message_every_ns;
-    }
-  if (bound <= 1e-6 || every_ns <= 0) return;
+    for (const auto* run : entry.runs)
+      if (const auto& missed = run->missed_probability; missed.messages > 0 && missed.bound > bound) {
+        bound = missed.bound;
+        found.longer = run;
+      }
+  if (bound <= 1e-6) found.longer = nullptr;
+  if (found.longer == nullptr) return;
   double claim = std::min(0.01, std::pow(10, std::floor(std::log10(bound))));
   if (claim * 2 > bound) claim /= 10;
-  found.longer_ns = statistics::messages_to_claim(claim, effect) * every_ns;
+  // A scenario's command is for all its runs: the slowest of them takes longest.
+  const auto& scenario = found.longer->run.asked.scenario_file;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs)
+      if (run == found.longer || (!scenario.empty() && run->run.asked.scenario_file == scenario))
+        found.longer_ns =
+            std::max(found.longer_ns, statistics::messages_to_claim(claim, run->missed_probability.effect) *
+                                          run->message_every_ns);
   found.longer_tells =
       fmt::format("Prove < 1 in {}", grouped(static_cast<std::uint64_t>(std::llround(1 / claim))));
 }
@@ -374,6 +395,7 @@ std::string common_conditions(const std::vector<Entry>& entries) {
 
 State state_of(const Summary& run) {
   const bool is_late = missed_of(run) > 0;
+  const bool can_be_late = statistics::knows_late(run.run) || statistics::knows_loss(run.run);
   switch (gate::flaw_of(run)) {
     case Flaw::imported:
       return State::imported;
@@ -383,7 +405,7 @@ State state_of(const Summary& run) {
       return State::cut_off;
     case Flaw::worst_only:  // its counts are of all messages
     case Flaw::none:
-      return is_late ? State::late : State::ok;
+      return is_late ? State::late : can_be_late ? State::ok : State::no_limit;
     default:
       break;
   }
@@ -405,7 +427,7 @@ std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
       values.push_back(static_cast<double>(of[figure]));
     else if (statistics::is_complete(run->run))
       return std::nullopt;
-    is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
+    is_least = is_least || statistics::is_lower_bound(*run, figure);
   }
   if (values.empty()) return std::nullopt;
   const auto [low, high] = std::ranges::minmax_element(values);
@@ -428,8 +450,12 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const auto state = entry.row.state;
     all_ok = all_ok && state == State::ok;
     found.failed = found.failed || state == State::failed;
-    found.unfinished = found.unfinished || state == State::failed || state == State::cut_off;
-    for (const auto* run : entry.runs) found.denied = found.denied || !gate::denied(run->run.outcome).empty();
+    for (const auto* run : entry.runs) {
+      if (found.denied == nullptr && !gate::denied(run->run.outcome).empty()) found.denied = run;
+      if (const auto of = state_of(*run);
+          found.unfinished == nullptr && (of == State::failed || of == State::cut_off))
+        found.unfinished = run;
+    }
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
   }
   if (late != nullptr) found.late = late->runs.front();
@@ -448,23 +474,36 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   const auto as_requested = [](State state) { return state == State::ok || state == State::late; };
   auto classes = classes_of(entries, as_requested);
   const bool held = !classes.empty();
-  if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
+  if (!held) classes = classes_of(entries, [](State state) { return state > State::no_limit; });
   // With both round trips and listened messages, the sentence is about the round trips: the experiment.
-  if (!std::ranges::all_of(classes, is_listened)) std::erase_if(classes, is_listened);
+  std::size_t late_listened = 0;
+  if (!std::ranges::all_of(classes, is_listened)) {
+    for (const auto& one : classes)
+      if (is_listened(one))
+        late_listened += static_cast<std::size_t>(
+            std::ranges::count_if(one.entries, [](const Entry* entry) { return entry->row.missed > 0; }));
+    std::erase_if(classes, is_listened);
+  }
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
+    const bool lacks_limit =
+        std::ranges::any_of(answer.rows, [](const Row& row) { return row.state == State::no_limit; });
     std::uint64_t cycles = 0;
     for (const auto& row : answer.rows) cycles += row.cycles;
-    answer.sentence = cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
-                      : imported ? "Imported: wake-up latencies of another tool, no messages."
-                                 : "Nothing was measured. No message was sent.";
+    answer.sentence = lacks_limit  ? std::string(no_limit_words) + " Lost messages are unknown."
+                      : cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
+                      : imported   ? "Imported: wake-up latencies of another tool, no messages."
+                                   : "Nothing was measured. No message was sent.";
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
     const auto left_out = std::ranges::count_if(answer.rows, [&](const Row& row) {
-      return held && !as_requested(row.state) && row.state != State::imported;
+      return held && !as_requested(row.state) && row.state > State::no_limit;
     });
     answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
+    if (late_listened > 0)
+      answer.sentence += fmt::format(" {} of listened messages {} late.", many(late_listened, "row", "rows"),
+                                     late_listened == 1 ? "is" : "are");
     if (!held) answer.sentence += " But no run was measured as requested.";
     if (left_out > 0)
       answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,

@@ -21,7 +21,9 @@ struct Origin {
 };
 
 struct Answer {
-  enum class State { ok, late, not_applied, cut_off, failed, imported };  // the worst one of the repetitions
+  // The worst one of the repetitions. no_limit: of a robot's own messages, nothing tells which were late or
+  // lost.
+  enum class State { imported, no_limit, ok, late, not_applied, cut_off, failed };
   struct Spread {  // of repetitions; of one run all three are the same
     double low_ns = 0, median_ns = 0, high_ns = 0;
     bool is_least = false;  // beyond an imported histogram: a lower limit
@@ -30,7 +32,7 @@ struct Answer {
   struct Row {
     std::string id, conditions, name;  // "Test1.B", "load, RT", "cyclonedds 32 KiB"
     std::vector<std::int64_t> runs;    // their numbers in the file
-    State state = State::ok;
+    State state = State::imported;
     bool missed_requirement = false, open_requirement = false;  // of a repetition
     std::uint64_t cycles = 0, missed = 0;                       // all; those without an answer in time
     // The longest that a cycle waited for its answer. `is_open`: no answer ended it.
@@ -64,12 +66,15 @@ Answer::State state_of(const statistics::Summary&);
 std::optional<Answer::Spread> spread_of(const std::vector<const statistics::Summary*>&, statistics::Figure);
 const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
 
-// For answer_of(): the commands that follow. `any` is a run; `late`, `from` and `to` are one, or nothing.
+// For answer_of(): the commands that follow, each about one run. Null: there is none.
 struct Findings {
-  const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr;
-  bool denied = false, unfinished = false, failed = false;
-  std::optional<double> longer_ns;  // nothing was late; so long a run would bound that closer
-  std::string longer_tells;         // "Prove < 1 in 10,000"
+  const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr,
+                            *denied = nullptr, *unfinished = nullptr;
+  bool failed = false;
+  const statistics::Summary* longer =
+      nullptr;  // nothing was late; if it took so long, that would be bounded closer
+  double longer_ns = 0;
+  std::string longer_tells;  // "Prove < 1 in 10,000"
 };
 std::vector<Answer::Step> next_steps(const Findings&, const Origin&);
 

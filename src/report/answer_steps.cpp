@@ -132,21 +132,24 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if (!words.empty()) words.insert(words.end(), further);
     return words;
   };
-  const auto words = again(*found.any, of_all);
-  const bool listened = words.size() > 1 && words[1] == "listen";
-  const bool by_scenario = words.size() > 1 && words[1] != "ping" && !listened;
-  if (found.denied && !origin.is_root) add("Permit all", words, true);
-  if (found.unfinished && by_scenario && !origin.file.empty())
-    add("Finish", with(words, {"--resume", "--results", origin.file}));
+  using Words = std::vector<std::string>;
+  const auto is_of_listen = [](const Words& words) { return words.size() > 1 && words[1] == "listen"; };
+  const auto is_of_scenario = [&](const Words& words) {
+    return words.size() > 1 && words[1] != "ping" && !is_of_listen(words);
+  };
+  if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
+  if (found.unfinished != nullptr && !origin.file.empty())
+    if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
+      add("Finish", with(words, {"--resume", "--results", origin.file}));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
-    if ((found.late->run.asked.explain || listened) && !origin.file.empty())
+    const auto words = again(*found.late, without_explain);
+    if ((found.late->run.asked.explain || is_of_listen(words)) && !origin.file.empty())
       add("Why late", {"ontime", "explain", origin.file});
-    else if (by_scenario && can_be_named(id))
-      add("Why late", with(again(*found.any, of_the_link), {"--only", id, "--explain"}), true);
+    else if (is_of_scenario(words) && can_be_named(id))
+      add("Why late", with(again(*found.late, of_the_link), {"--only", id, "--explain"}), true);
     else
-      add("Why late", with(again(*found.any, without_explain), {"--explain", "--results", "why.ontime"}),
-          true);
+      add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
   if (found.from != nullptr && found.to != nullptr && !origin.file.empty()) {
     auto from = word(found.from->run.asked.id), to = word(found.to->run.asked.id);
@@ -156,14 +159,16 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     }
     add("Compare", {"ontime", "compare", origin.file, "--from", from, "--to", to});
   }
-  if (found.longer_ns)
+  if (found.longer != nullptr && found.longer_ns > 0) {
+    const auto words = again(*found.longer, without_duration);
+    const bool listens = is_of_listen(words);
     add(found.longer_tells.c_str(),
-        with(again(*found.any, without_duration),
-             {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}),
-        listened);
+        with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}), listens);
+  }
+  const auto words = again(*found.any, of_all);
   if (!origin.file.empty())
     add("All tables", {"ontime", "report", origin.file, "--full"});
-  else if (!listened && !found.failed)                  // what failed fails again
+  else if (!is_of_listen(words) && !found.failed)       // what failed fails again
     add("Again, all tables", with(words, {"--full"}));  // measures anew: no samples were kept
   return steps;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <functional>
+#include <map>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -27,18 +28,11 @@ std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
 }
 
 std::string missed_of(const Row& row, bool with_cycles) {
-  if (row.state == State::imported) return nothing;
+  if (row.state <= State::no_limit) return nothing;
   auto text = with_cycles ? fmt::format("{}/{}", row.missed, row.cycles) : grouped(row.missed);
   if (row.missed == 0) return text;
-  const double share =
-      static_cast<double>(row.missed) * 100 / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-  // More than 0 never prints as 0: "0.0005 %". Less than all never prints as 100: "99.9 %".
-  const int decimals = share < 0.005                  ? decimals_that_show(share)
-                       : share < 0.095                ? 2
-                       : share < 9.5                  ? 1
-                       : share >= 99.5 && share < 100 ? decimals_that_show(100 - share)
-                                                      : 0;
-  return fmt::format("{} ({:.{}f} %)", text, share, decimals);
+  const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
+  return fmt::format("{} ({} %)", text, percent(static_cast<double>(row.missed) / cycles));
 }
 
 std::string wait_of(const Row& row) {
@@ -56,10 +50,15 @@ const char* word_of(const Row& row) {
 std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most) {
   std::vector<std::size_t> places(rows.size());
   std::iota(places.begin(), places.end(), 0);
+  const auto rank = [](const Row& row) {
+    if (row.state >= State::cut_off) return 3;
+    if (row.missed > 0 || row.missed_requirement) return 2;
+    return row.state == State::not_applied ? 1 : 0;
+  };
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
     const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-    return std::tuple(row.state, row.missed_requirement, row.open_requirement,
+    return std::tuple(rank(row), row.missed_requirement, row.open_requirement,
                       static_cast<double>(row.missed) / cycles, row.worst_wait_ns.value_or(0));
   };
   std::ranges::stable_sort(places, std::greater(), badness);
@@ -68,10 +67,30 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   return places;
 }
 
+// Of names that would be cut to the same, what they have in common before they differ is cut first.
+void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most) {
+  std::map<std::string, std::vector<std::string*>> by_short;
+  for (auto& row : rows) by_short[shortened(row[column], most)].push_back(&row[column]);
+  for (const auto& [cut, names] : by_short) {
+    auto common = names.front()->size();
+    for (const auto* name : names)
+      common =
+          std::min<std::size_t>(common, std::ranges::mismatch(*name, *names.front()).in1 - name->begin());
+    const auto word = names.front()->rfind(' ', common);
+    const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
+    for (auto* name : names)
+      *name = shortened(differ && word != std::string::npos
+                            ? shortened(name->substr(0, word), most / 3) + name->substr(word)
+                            : *name,
+                        most);
+  }
+}
+
 Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& places, std::size_t width) {
   using enum Column::Align;
-  const bool same_cycles =
-      std::ranges::all_of(rows, [&](const Row& row) { return row.cycles == rows.front().cycles; });
+  const bool same_cycles = rows.front().cycles > 0 && std::ranges::all_of(rows, [&](const Row& row) {
+                             return row.cycles == rows.front().cycles;
+                           });
   Table table{.columns = {{"", left},
                           {"", left},
                           {same_cycles ? fmt::format("not in time\nof {}", grouped(rows.front().cycles))
@@ -107,7 +126,7 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
   };
   // So much that a narrow terminal loses columns first.
   const auto name_width = std::max(width * 3 / 20 + gap, left_by(0));
-  for (auto& row : table.rows) row[name] = shortened(row[name], name_width);
+  shorten_names(table.rows, name, name_width);
   if (const auto id_width = std::max(width / 4, left_by(width_of_column(name)));
       id_width + width_of_column(name) + numbers <= width)
     for (auto& row : table.rows) row[id] = shortened(row[id], id_width);
@@ -150,7 +169,7 @@ std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width
 }
 
 const char* word_of(State state) {
-  constexpr const char* words[] = {"ok", "LATE", "NOT APPLIED", "CUT OFF", "FAILED", "imported"};
+  constexpr const char* words[] = {"imported", "no limit", "ok", "LATE", "NOT APPLIED", "CUT OFF", "FAILED"};
   return words[static_cast<std::size_t>(state)];
 }
 
@@ -200,7 +219,7 @@ ordered_json json_of(const Answer& answer) {
                                     : row.open_requirement ? ordered_json("open")
                                                            : ordered_json()},
                     {"cycles", row.cycles},
-                    {"not_in_time", row.missed},
+                    {"not_in_time", row.state <= State::no_limit ? ordered_json() : ordered_json(row.missed)},
                     {"worst_wait_ms", ms(row.worst_wait_ns)},
                     {"worst_wait_is_open", row.is_open},
                     {"p50_ms", json_of(row.p50)},

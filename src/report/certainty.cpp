@@ -37,9 +37,10 @@ std::string percent(double share) {
 }
 
 std::string interval(const Probability& of) {
+  const auto limit = [](double share) { return share > 0.99 ? percent(share) : percent(rounded_up(share)); };
   if (of.messages == 0) return nothing;
-  if (of.events == 0) return "≤ " + percent(of.bound);
-  return fmt::format("[{}, {}]", percent(of.sure.low.value_or(0)), percent(of.sure.high.value_or(1)));
+  if (of.events == 0) return "≤ " + limit(of.bound);
+  return fmt::format("[{}, {}]", percent(of.sure.low.value_or(0)), limit(of.sure.high.value_or(1)));
 }
 
 std::string time(double ns) {
@@ -196,9 +197,7 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
                           interval(of[Figure::p99_9].sure), interval(of[Figure::p99_99].sure),
                           interval(runs[i]->missed_probability)});
     if (const auto note = note_of(*runs[i]); !note.empty()) table.notes.push_back(labels[i] + ": " + note);
-    if (const auto text = statistics::shift_text(*runs[i]); !text.empty())
-      table.notes.push_back(labels[i] + ": " + text);
-    else if (!of[Figure::p50].sure.low && *of[Figure::p50].open != '\0')
+    if (!runs[i]->round_trip_certainty.shift && !of[Figure::p50].sure.low && *of[Figure::p50].open != '\0')
       table.notes.push_back(fmt::format("{}: no interval: {}", labels[i], of[Figure::p50].open));
   }
   if (const auto note = older_note(runs); !note.empty() && !table.rows.empty()) table.notes.push_back(note);

@@ -170,8 +170,6 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
       else if (run->round_trip.count == 0)
         table.notes.push_back(
             fmt::format("left out except for late and lost: {}: no message was answered", name));
-      if (const auto text = statistics::shift_text(*run); !text.empty())
-        table.notes.push_back(fmt::format("{}: {}", name, text));
     }
   for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
   if (const auto text = list_of(differences(pair)); !text.empty())
@@ -265,7 +263,7 @@ ordered_json figures_of(const Pair& pair) {
   const auto &from = *pair.from.front(), &to = *pair.to.front();
   const auto knows = [](const statistics::Summary& run, Figure figure) {
     return run.wake_up.count >= statistics::metric_of(figure).one_in &&
-           !run.imported->is_lower_bound(run.wake_up[figure]);
+           !statistics::is_lower_bound(run, figure);
   };
   const auto add = [&](Figure figure) {
     if (!knows(from, figure) || !knows(to, figure)) return;
@@ -355,8 +353,8 @@ std::string csv_of(const Comparison& comparison) {
     for (const auto& figures : figures_of(pair)) {
       const auto from = runs_json_of(pair.from), to = runs_json_of(pair.to);
       lines.push_back({cell_of(to.at("id")), cell_of(to.at("variant")), cell_of(to.at("transport")),
-                       cell_of(from.at("key")), cell_of(to.at("key")), std::to_string(pair.from.size()),
-                       std::to_string(pair.to.size())});
+                       cell_of(from.at("key")), cell_of(to.at("key")),
+                       std::to_string(whole(pair.from).size()), std::to_string(whole(pair.to).size())});
       for (const auto& [name, value] : figures.items()) {
         if (lines.size() == 1) header.push_back(name);
         lines.back().push_back(cell_of(value));

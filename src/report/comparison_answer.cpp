@@ -94,6 +94,28 @@ std::string change_text(const std::optional<Change>& change, std::string (*form)
 
 std::string share_text(double share) { return share > 0 ? percent(share) + " %" : "0"; }
 
+// The places of the pairs that have space, in their order: those that changed before others.
+std::vector<std::size_t> shown_of(const Comparison& comparison) {
+  std::vector<std::size_t> changed, others;
+  for (std::size_t i = 0; i < comparison.pairs.size(); ++i) {
+    const auto& pair = comparison.pairs[i];
+    const auto has_changed = [&](Times times, Figure figure) {
+      const auto change = change_of(pair, times, figure);
+      return change && change->tendency != Tendency::unclear;
+    };
+    const auto* const way = missed_of(pair);
+    const bool any =
+        (way != nullptr && has_changed(way->times, way->figure)) ||
+        std::ranges::any_of(std::array{Figure::p50, Figure::p99, Figure::max},
+                            [&](Figure figure) { return has_changed(Times::round_trip, figure); });
+    (any ? changed : others).push_back(i);
+  }
+  changed.insert(changed.end(), others.begin(), others.end());
+  changed.resize(std::min(most_pairs, changed.size()));
+  std::ranges::sort(changed);
+  return changed;
+}
+
 Table table_of(const Comparison& comparison, const std::vector<std::string>& names, const Missed* missed) {
   using enum Column::Align;
   Table table{.columns = {{"", left},
@@ -104,7 +126,7 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   const auto time_text = [](const Pair& pair, Figure figure) {
     return change_text(change_of(pair, Times::round_trip, figure), milliseconds);
   };
-  for (std::size_t i = 0; i < std::min(most_pairs, names.size()); ++i) {
+  for (const auto i : shown_of(comparison)) {
     const auto& pair = comparison.pairs[i];
     const auto* const way = missed_of(pair);
     table.rows.push_back(
@@ -204,17 +226,22 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
 
   const auto names = names_of_pairs(comparison);
   std::string text = wrapped(printable(sentence_of(comparison, names)), width);
-  std::size_t from = 0, to = 0;
+  std::vector<std::size_t> from, to;
   for (const auto& pair : comparison.pairs) {
-    from = std::max(from, pair.from.size());
-    to = std::max(to, pair.to.size());
+    from.push_back(whole(pair.from).size());
+    to.push_back(whole(pair.to).size());
   }
+  const auto range = [](const std::vector<std::size_t>& counts) {
+    const auto [least, most] = std::ranges::minmax(counts);
+    return least == most ? std::to_string(most) : fmt::format("{} to {}", least, most);
+  };
+  const bool any_repeated = std::ranges::max(from) + std::ranges::max(to) > 2;
   const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
-  text +=
-      wrapped(printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}{}", comparison.from_name,
-                                    comparison.to_name, all_listened(first) ? "times" : "round trips", from,
-                                    to, from + to > 2 ? "; each value is their mean, max the greatest" : "")),
-              width);
+  text += wrapped(
+      printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}{}", comparison.from_name,
+                            comparison.to_name, all_listened(first) ? "times" : "round trips", range(from),
+                            range(to), any_repeated ? "; each value is their mean, max the greatest" : "")),
+      width);
   auto table =
       table::as_text({.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()))}}, width);
   table.pop_back();  // the empty line after it

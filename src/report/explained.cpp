@@ -319,7 +319,7 @@ std::string sentence_of(const explain::Group& group) {
 
 std::string render_explained(const std::vector<Explained>& all, Format format, std::size_t columns) {
   if (format == Format::json)
-    return array_of(all, [](const Explained& one) { return json_of(one); }).dump(2) + "\n";
+    return json_text(array_of(all, [](const Explained& one) { return json_of(one); }));
   std::string text;
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "\n") + more; };
   const auto without = std::ranges::count_if(all, is_untraced);

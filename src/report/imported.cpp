@@ -29,9 +29,10 @@ std::string source_of(const Summary& summary) {
 }  // namespace
 
 std::string imported_percentile(const Summary& summary, statistics::Figure figure) {
-  const auto ns = summary.wake_up[figure];
-  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(ns);
-  return percentile(summary.wake_up, figure);
+  const auto text = percentile(summary.wake_up, figure);
+  return text != nothing && statistics::is_lower_bound(summary, figure)
+             ? "≥" + microseconds(summary.wake_up[figure])
+             : text;
 }
 
 Table imported_table_of(const Group& group) {

@@ -27,9 +27,8 @@ ordered_json json_of(const statistics::Distribution& of) {
 
 ordered_json wake_up_of(const statistics::Summary& summary) {
   auto wake_up = json_of(summary.wake_up);
-  if (summary.imported)
-    for (const auto& row : statistics::percentiles)
-      if (summary.imported->is_lower_bound(summary.wake_up[row.figure])) wake_up[row.name] = nullptr;
+  for (const auto& row : statistics::percentiles)
+    if (statistics::is_lower_bound(summary, row.figure)) wake_up[row.name] = nullptr;
   return wake_up;
 }
 
@@ -136,9 +135,13 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["complete"] = statistics::is_complete(summary.run);
   run.update(some_of(outcome, {"interrupted", "error"}));
   run["sent"] = summary.sent;
-  run["on_time"] = summary.on_time;
-  run["late"] = summary.late;
-  run["lost"] = summary.lost;
+  const bool late = statistics::knows_late(summary.run), lost = statistics::knows_loss(summary.run);
+  const auto known = [](bool is_known, std::uint64_t count) {
+    return is_known ? ordered_json(count) : ordered_json();
+  };
+  run["on_time"] = known(late && lost, summary.on_time);
+  run["late"] = known(late, summary.late);
+  run["lost"] = known(lost, summary.lost);
   run["late_by_response"] = or_null(summary.late_by_response);
   run["skipped_cycles"] = summary.skipped_cycles;
   run.update(some_of(outcome, {"trailing_cycles", "duplicates", "strays", "reordered", "wrong_size",

@@ -285,10 +285,14 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   count(Weight::caution, "answers with another payload size, ignored", counters.wrong_size);
   count(Weight::caution, "answers with server times outside their round trips", counters.wrong_server_times);
   count(Weight::detail, "messages refused by the transport", counters.refused_sends);
+  add(Weight::caution, statistics::shift_text(summary));
   if (summary.has_worst_only)
     add(Weight::caution,
         "only samples around the worst late messages are kept; counts and times are of all messages, times "
         "within 1.6 %");
+  else if (summary.run.asked.keeps_worst() && !outcome.has_ended())
+    add(Weight::caution,
+        "only samples around the worst late messages are kept; counts and times are of these");
   else
     count(Weight::caution, "samples not recorded (missing above)", counters.dropped_records);
   return remarks;

@@ -218,7 +218,8 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
     legend += " [low, high]: 95 % confidence interval.";
   if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
     legend += " ≥: lower limit only; the effective sample size is too small for an upper limit.";
-  if (any_cell([](const std::string& cell) { return cell == nothing; })) legend += " -: too few messages.";
+  if (any_cell([](const std::string& cell) { return cell == nothing; }))
+    legend += " -: too few messages, or unknown.";
   if (any_of_paper(summaries))
     legend +=
         " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "

@@ -20,7 +20,8 @@ struct Fates {
 Fates fates_of(const Summary& summary) {
   const auto& counted = summary.run.outcome.counters;
   if (statistics::unrecorded(summary.run) == 0) return {summary.sent, summary.late, summary.lost};
-  return {counted.sent, counted.late, counted.lost};
+  return {std::max(summary.sent, counted.sent), std::max(summary.late, counted.late),
+          std::max(summary.lost, counted.lost)};
 }
 
 // A cycle without a message was not on time either.
@@ -37,13 +38,17 @@ std::uint64_t sent_of(const Summary& summary) { return fates_of(summary).sent; }
 
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
-  std::size_t measured = 0, fine = 0, unfinished = 0;
+  std::size_t measured = 0, fine = 0, unfinished = 0, without_limit = 0;
   std::size_t with_missed = 0, with_open = 0;  // runs with such a requirement
   std::map<std::string, std::size_t> flaws;    // of runs that were measured to their end
   const Summary* slowest = nullptr;
   for (const auto* run : last_of(summaries)) {
     const auto& summary = *run;
     const auto fates = fates_of(summary);
+    if (!statistics::knows_late(summary.run) && !statistics::knows_loss(summary.run)) {
+      ++without_limit;
+      continue;
+    }
     sent += fates.sent;
     late += fates.late;
     lost += fates.lost;
@@ -62,7 +67,9 @@ Verdict verdict_of(const Summaries& summaries) {
         (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
       slowest = &summary;
   }
-  if (sent == 0) return {Verdict::Word::nothing, "Nothing was measured.", ""};
+  const auto no_limit =
+      fmt::format("{} had no limit, so no message counts as late.", many(without_limit, "run", "runs"));
+  if (sent == 0) return {Verdict::Word::nothing, without_limit > 0 ? no_limit : "Nothing was measured.", ""};
 
   Verdict verdict;
   const auto deadline = limit_of(summaries, "deadline", &roundtrip::ClientOptions::deadline);
@@ -113,6 +120,7 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(fmt::format("{} missed a requirement.", many(with_missed, "run", "runs")));
   if (with_open > 0)
     further.push_back(fmt::format("A requirement of {} is open.", many(with_open, "run", "runs")));
+  if (without_limit > 0) further.push_back(no_limit);
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)

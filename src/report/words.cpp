@@ -65,6 +65,7 @@ int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-st
 
 std::string milliseconds(double ns) {
   const double ms = ns / 1e6;
+  if (ms > 0 && ms < 0.0005) return fmt::format("{:.{}f}", ms, decimals_that_show(ms));
   return fmt::format("{:.{}f}", ms, ms < 0.0995 ? 3 : ms < 0.995 ? 2 : ms < 99.5 ? 1 : 0);
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 #include <span>
+#include <tuple>
 #include <utility>
 
 namespace ontime::statistics {
@@ -207,8 +208,11 @@ void Misses::message(const Sample& sample) {
   missed_.add(sample.fate != Fate::on_time);
   if (sample.fate == Fate::on_time) return close();
   if (in_a_row_++ == 0) from_ns_ = sample.due_ns;
-  bursts_.longest = std::max(bursts_.longest, in_a_row_);
-  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, sample.due_ns));
+  if (const auto ns = between(from_ns_, sample.due_ns);
+      std::tie(bursts_.longest, bursts_.longest_ns) < std::tie(in_a_row_, ns)) {
+    bursts_.longest = in_a_row_;
+    bursts_.longest_ns = ns;
+  }
 }
 
 void Misses::close() {

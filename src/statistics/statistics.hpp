@@ -94,9 +94,6 @@ struct Imported {
   // Percentiles among them are given as `beyond_from_ns`, which is where they begin.
   std::uint64_t beyond = 0;
   std::int64_t beyond_from_ns = 0;
-  bool is_lower_bound(std::int64_t percentile_ns) const {
-    return beyond > 0 && percentile_ns == beyond_from_ns;
-  }
 };
 
 // Of one run. sent = on_time + late + lost.
@@ -153,6 +150,13 @@ inline bool knows_late(const record::Run& run) {
   return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
 }
 inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
+
+// Whether a percentile of an imported run is among the values of which only `beyond_from_ns` is known.
+inline bool is_lower_bound(const Summary& run, Figure figure) {
+  if (!run.imported || figure == Figure::max) return false;
+  const auto rank = metric_of(figure).rank_of(run.wake_up.count);
+  return rank > run.wake_up.count - run.imported->beyond && rank < run.wake_up.count;
+}
 
 // Measured to its end: not cut off, interrupted or failed.
 inline bool is_complete(const record::Run& run) {

@@ -112,12 +112,13 @@ std::string labelled(const std::string& label, const std::string& text, std::siz
 }
 
 std::string shortened(const std::string& text, std::size_t most) {
-  std::size_t end = 0;
+  std::size_t end = 0, kept = 0;
   for (std::size_t width = 0; end < text.size();) {
     const auto length = std::max<std::size_t>(first_of(std::string_view(text).substr(end)).length, 1);
     width += width_of(text.substr(end, length));
-    if (width > most) return text.substr(0, end) + "…";
+    if (width > most) return text.substr(0, kept) + "…";
     end += length;
+    if (width < most) kept = end;  // a column is left for "…"
   }
   return text;
 }

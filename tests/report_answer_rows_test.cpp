@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+// The first screen's rows and next steps, where runs are of several kinds.
+#include "report_answers.hpp"
+
+namespace ontime::report {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+using State = Answer::State;
+
+TEST(Answer, AWorseRowIsNotLeftOutForAnImportedOne) {
+  std::vector<Summary> runs;
+  for (int i = 0; i < 30; ++i) {
+    auto& one = runs.emplace_back(run(i + 1, "a" + std::to_string(i), "udp", {}));
+    if (i == 15) one.late = *one.late_by_response = 3;
+    if (i == 16) amend(one.run.outcome, "/hosts/controller/load_running", false);
+    if (i > 16) one.imported.emplace();
+  }
+  const auto text = text_of(answer_of(runs, kept), 80);
+  EXPECT_THAT(text, HasSubstr("none worse"));
+  EXPECT_THAT(text, HasSubstr("LATE"));
+  EXPECT_THAT(text, HasSubstr("NOT APPLIED"));
+}
+
+TEST(Answer, StepsAreAboutTheRunsThatTheyName) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "cyclonedds", {}, 5)};
+  for (auto& one : runs) {
+    amend(one.run.asked, "/scenario_file", nullptr);
+    amend(one.run.asked, "/command_line", {"ontime", "ping", "--transport", one.run.asked.task.transport});
+  }
+  EXPECT_THAT(commands_of(answer_of(runs, kept)).front(), HasSubstr("ping --transport cyclonedds --explain"));
+  runs[1] = runs[0];
+  runs[1].run.number = 2;
+  amend(runs[1].run.asked, {{"id", "b"}, {"command_line", {"ontime", "ping", "--period", "1ms"}}});
+  for (auto& one : runs) one.missed_probability.messages = 2000;
+  runs[0].missed_probability.bound = 1e-5;
+  runs[0].message_every_ns = 1000 * ms;
+  runs[1].missed_probability.bound = 1.5e-3;
+  runs[1].message_every_ns = ms;
+  EXPECT_THAT(commands_of(answer_of(runs, kept)).front(),
+              testing::MatchesRegex("ontime ping --period 1ms --duration 3[0-9]s"));
+}
+
+TEST(Answer, AScenarioIsRepeatedForAsLongAsItsSlowestRunTakes) {
+  auto one = run_without_a_late_message(), slow = run_without_a_late_message();
+  slow.run.number = 2;
+  slow.message_every_ns = 100 * ms;
+  slow.missed_probability.bound = 1.4e-3;
+  EXPECT_THAT(commands_of(answer_of({one, slow}, kept)).front(), HasSubstr("--duration 50min"));
+}
+
+TEST(Answer, WhatHasNoLimitIsNeitherOnTimeNorLate) {
+  auto one = run(1, "/scan period", "", {});
+  amend(one.run.asked, {{"measures", "period"}, {"deadline_us", nullptr}});
+  amend(one.run.outcome, "/loss_unknown", true);
+  auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.rows.front().state, State::no_limit);
+  EXPECT_THAT(answer.sentence, AllOf(HasSubstr("No limit is set"), HasSubstr("Lost messages are unknown")));
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("no limit"));
+  EXPECT_TRUE(json_of(answer).at("rows").at(0).at("not_in_time").is_null());
+  auto late = one;
+  late.run.number = 2;
+  amend(late.run.asked, {{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}});
+  late.late = *late.late_by_response = late.sent;
+  EXPECT_THAT(answer_of({one, late}, kept).sentence, StartsWith("100 % of the messages were late"));
+}
+
+TEST(Answer, ALongerAnsweredWaitIsNoOpenOne) {
+  std::vector runs{run(1, "a", "udp", {}, 1, 1), run(2, "a", "udp", {}, 0, 2)};
+  runs[0].lost = 1;
+  amend(runs[0].run.asked, "/timeout_us", 500'000);
+  runs[1].response.max = 2000 * ms;
+  const auto row = answer_of(runs, kept).rows.at(0);
+  EXPECT_EQ(row.worst_wait_ns, 2e9);
+  EXPECT_FALSE(row.is_open);
+}
+
+TEST(Answer, AWaitOfAMessageWithoutASampleIsKnownAtLeast) {
+  auto one = run(1, "a", "udp", {});
+  amend(one.run.asked, "/timeout_us", 500'000);
+  amend(one.run.outcome, {{"late", 2}, {"lost", 1}, {"dropped_records", 9}});
+  EXPECT_EQ(answer_of({one}, kept).rows.at(0).worst_wait_ns, 500e6);
+  amend(one.run.outcome, "/lost", 0);
+  EXPECT_EQ(answer_of({one}, kept).rows.at(0).worst_wait_ns, 10e6) << "its deadline";
+  EXPECT_TRUE(answer_of({one}, kept).rows.at(0).is_open);
+}
+
+TEST(Answer, NamesThatAreCutStayApart) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "a", "udp", {}), run(3, "a", "udp", {})};
+  for (int i = 1; i < 3; ++i)
+    amend(runs[static_cast<std::size_t>(i)].run.asked, "/variant",
+          std::string(70, 'x') + " " + std::to_string(i) + " of all that is there");
+  const auto text = text_of(answer_of(runs, kept), 80);
+  EXPECT_THAT(text, AllOf(HasSubstr("… 1 of all"), HasSubstr("… 2 of all")));
+}
+
+}  // namespace
+}  // namespace ontime::report
