@@ -76,11 +76,13 @@ void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t colu
     for (const auto* name : names)
       common =
           std::min<std::size_t>(common, std::ranges::mismatch(*name, *names.front()).in1 - name->begin());
-    const auto word = names.front()->rfind(' ', common);
+    auto from = common;
+    for (int word = 0; word < 2 && from > 0 && from != std::string::npos; ++word)
+      from = names.front()->rfind(' ', from - 1);
     const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
     for (auto* name : names)
-      *name = shortened(differ && word != std::string::npos
-                            ? shortened(name->substr(0, word), most / 3) + name->substr(word)
+      *name = shortened(differ && from != std::string::npos
+                            ? shortened(name->substr(0, from), most / 3) + name->substr(from)
                             : *name,
                         most);
   }
