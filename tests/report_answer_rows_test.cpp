@@ -91,7 +91,7 @@ TEST(Answer, NamesThatAreCutStayApart) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "a", "udp", {}), run(3, "a", "udp", {})};
   for (std::size_t i = 1; i < 3; ++i) {
     amend(runs[i].run.asked, "/variant", std::string(70, 'x'));
-    runs[i].run.key += runs[i].run.number;
+    runs[i].run.key += std::to_string(i);
   }
   const auto text = text_of(answer_of(runs, kept), 80);
   EXPECT_THAT(text, AllOf(HasSubstr("… run 2 "), HasSubstr("… run 3 ")));

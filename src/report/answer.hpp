@@ -66,7 +66,7 @@ Answer::State state_of(const statistics::Summary&);
 std::optional<Answer::Spread> spread_of(const std::vector<const statistics::Summary*>&, statistics::Figure);
 const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
 
-// For answer_of(): the commands that follow, each about one run. Null: there is none.
+// For answer_of(): the commands that follow, each about one run. Null: no such run.
 struct Findings {
   const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr,
                             *denied = nullptr, *unfinished = nullptr;
