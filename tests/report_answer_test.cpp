@@ -388,6 +388,25 @@ TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
   EXPECT_THAT(answer_of({runs[0]}, kept).sentence, HasSubstr(" A requirement was missed."));
 }
 
+TEST(Answer, ManyMissedRequirementsAreOneCaution) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}), run(3, "c", "udp", {})};
+  for (auto& one : runs)
+    one.notes.push_back(
+        {gate::missed_note, fmt::format("FAIL: p99 <= 1 ms: p99 is {} ms", one.run.number + 1), {}, {}});
+  const auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.cautions[0],
+              HasSubstr("missed requirements in 3 runs, such as a udp: p99 <= 1 ms: p99 is 2 ms"));
+  EXPECT_THAT(answer.cautions, Not(Contains(HasSubstr("p99 is 3 ms"))));
+}
+
+TEST(Answer, CautionsWithoutSpaceAreCounted) {
+  auto one = run(1, "a", "udp", {});
+  for (const auto* const text : {"x", "y", "z", "q"}) one.notes.push_back({"some", text, {}, {}});
+  const auto answer = answer_of({one}, kept);
+  EXPECT_THAT(text_of(answer, 80),
+              HasSubstr(fmt::format("… and {} more cautions (--full)", answer.cautions.size() - 3)));
+}
+
 TEST(Answer, MissedRequirementsComeBeforeOpenOnesWhichAreOneCaution) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}), run(3, "c", "udp", {})};
   runs[0].notes.push_back({gate::open_note, "open: p99 <= 5 ms: 100 messages", {}, {}});

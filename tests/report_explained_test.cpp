@@ -44,6 +44,13 @@ TEST(RenderExplained, RunsWithoutExplainAreCountedInOneLine) {
   EXPECT_THAT(render_explained({all.back()}, Format::table), HasSubstr("run 0"));
 }
 
+TEST(RenderExplained, RunThatFailedSaysSo) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "a"}, {"explain", true}};
+  one.run.outcome = nlohmann::json{{"error", "no permission"}};
+  EXPECT_THAT(render_explained({one, one}, Format::table), HasSubstr("failed: no permission"));
+}
+
 TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   Explained one;
   one.account.traced = true;

@@ -13,6 +13,7 @@
 #include <boost/algorithm/string/replace.hpp>
 #include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -72,8 +73,8 @@ std::string for_terminal(std::string text, int descriptor) {
 std::string for_output(std::string text) { return for_terminal(std::move(text), STDOUT_FILENO); }
 
 std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
-                  const std::string& results) {
-  const report::Origin origin{results, geteuid() == 0};
+                  const std::string& results, const std::vector<std::string>& only) {
+  const report::Origin origin{results, geteuid() == 0, fmt::format("{}", fmt::join(only, ","))};
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());
 }

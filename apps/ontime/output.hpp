@@ -34,7 +34,7 @@ std::string beginning_of(const std::string& path, std::size_t bytes);
 
 // The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
-                  const std::string& results);
+                  const std::string& results, const std::vector<std::string>& only = {});
 
 // The reader of standard output has closed the pipe (`| head`): main() then ends by SIGPIPE.
 struct ReaderGone {};

@@ -42,7 +42,7 @@ void add_report(Command& app) {
         : arguments->layers ? report::render_layers(summaries, format, output_columns())
         : format == report::Format::html
             ? page::page_of(reader, summaries, std::filesystem::path(arguments->results).filename().string())
-            : shown(summaries, format, arguments->full, arguments->results);
+            : shown(summaries, format, arguments->full, arguments->results, arguments->only);
     output.write(text);
     output.finish();
     return flags->finish(flags->judge_wanted(gates, summaries), arguments->results);

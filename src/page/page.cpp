@@ -178,6 +178,8 @@ std::string time_figure(const Summary& run, const std::string& label, std::size_
   auto text = grouped(run.sent) + " messages";
   if (statistics::knows_late(run.run)) text += fmt::format(", {} late", grouped(run.late));
   if (statistics::knows_loss(run.run)) text += fmt::format(", {} lost", grouped(run.lost));
+  if (differs_by_response(run))
+    text += fmt::format(", {} cycles not in time", grouped(*run.late_by_response));
   if (of.count > 0)
     text += fmt::format("; {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
                         microseconds(of[Figure::p50]));

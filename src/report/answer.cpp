@@ -289,7 +289,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     cautions.push_back(places.size() == names.size() ? text : name_of_some(names, places) + ": " + text);
   };
   using enum Remark::Requirement;
-  const auto add = [&](Remark::Weight weight, Remark::Requirement requirement = none) {
+  const auto add = [&](Remark::Requirement requirement, Remark::Weight weight = Remark::Weight::caution) {
     for (const auto& remark : remarks) {
       if (remark.weight != weight || remark.requirement != requirement) continue;
       std::vector<std::size_t> places;
@@ -297,23 +297,26 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       about(places, remark.text);
     }
   };
-  add(Remark::Weight::caution, missed);  // the exit code tells of these
-  std::vector<std::size_t> places_of_open;
-  std::set<std::size_t> open_in;           // runs
-  std::vector<std::string> texts_of_open;  // in one caution: they say the same of several runs
-  for (const auto& remark : remarks)
-    if (remark.requirement == open) {
-      texts_of_open.push_back(remark.text);
-      for (const auto run : remark.runs) places_of_open.push_back(row_of_run[run]);
-      open_in.insert(remark.runs.begin(), remark.runs.end());
+  // Many say the same of several runs: these are one caution.
+  const auto tell_of = [&](Remark::Requirement requirement, std::size_t most, const char* what) {
+    std::vector<const SharedRemark*> told;
+    std::vector<std::size_t> places;
+    std::set<std::size_t> of_runs;
+    for (const auto& remark : remarks) {
+      if (remark.requirement != requirement) continue;
+      told.push_back(&remark);
+      of_runs.insert(remark.runs.begin(), remark.runs.end());
     }
-  if (!texts_of_open.empty())
-    about(places_of_open,
-          texts_of_open.size() == 1
-              ? texts_of_open.front()
-              : fmt::format("open requirements in {}, such as {}", many(open_in.size(), "run", "runs"),
-                            texts_of_open.front().substr(texts_of_open.front().find(' ') + 1)));
-  add(Remark::Weight::not_applied);
+    for (const auto run : of_runs) places.push_back(row_of_run[run]);
+    if (told.size() <= most) return add(requirement);
+    const auto& text = told.front()->text;  // "FAIL: p99 <= 1 ms: …"
+    about(places, fmt::format("{} in {}, such as {}{}", what, many(of_runs.size(), "run", "runs"),
+                              names.size() > 1 ? names[row_of_run[told.front()->runs.front()]] + ": " : "",
+                              text.substr(text.find(' ') + 1)));
+  };
+  tell_of(missed, 2, "missed requirements");  // the exit code tells of these
+  tell_of(open, 1, "open requirements");
+  add(none, Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
   for (const auto* run : runs) {
@@ -325,7 +328,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     cautions.push_back(fmt::format(
         "denied{}: {}", runs.size() > 1 ? fmt::format(" in {} of {} runs", denied_in, runs.size()) : "",
         join(denied, ", ")));
-  add(Remark::Weight::caution);
+  add(none);
   std::uint64_t fewest = UINT64_MAX;
   for (const auto* run : runs)
     if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
@@ -382,7 +385,9 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   };
   std::vector<std::string> parts;
   auto message = common("payload_bytes", &Client::payload_bytes, size);
-  if (runs.front()->run.asked.task.client.schedule != roundtrip::Schedule::back_to_back)
+  if (std::ranges::none_of(runs, [](const auto* run) {
+        return run->run.asked.task.client.schedule == roundtrip::Schedule::back_to_back;
+      }))
     if (const auto period = common("period_us", &Client::period, duration); !period.empty())
       message += (message.empty() ? "every " : " every ") + period;
   if (!message.empty()) parts.push_back(message);

@@ -16,8 +16,9 @@ namespace ontime::report {
 
 // Where the runs come from, for commands that users paste.
 struct Origin {
-  std::string file;      // the results file; empty: none was kept
-  bool is_root = false;  // commands need no sudo
+  std::string file;       // the results file; empty: none was kept
+  bool is_root = false;   // commands need no sudo
+  std::string only = {};  // these are the runs that `--only` chose; empty: all of the file
 };
 
 struct Answer {

@@ -109,6 +109,12 @@ std::vector<std::string> again(const Summary& run, Options wanted) {
   return kept;
 }
 
+// It fails again without it.
+bool needs_root(const Summary& run) {
+  const auto& asked = run.run.asked;
+  return asked.explain || !asked.kernel.empty() || asked.isolation.any() || asked.faults.any();
+}
+
 std::string plain_time(double ns) {
   if (ns < 120e9) return fmt::format("{:.0f}s", std::max(1.0, std::ceil(ns / 1e9)));
   if (ns < 120 * 60e9) return fmt::format("{:.0f}min", std::ceil(ns / 60e9));
@@ -140,7 +146,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
   if (found.unfinished != nullptr && !origin.file.empty())
     if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
-      add("Finish", with(words, {"--resume", "--results", origin.file}));
+      add("Finish", with(words, {"--resume", "--results", origin.file}),
+          found.failed && needs_root(*found.unfinished));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
     const auto words = again(*found.late, without_explain);
@@ -167,7 +174,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   }
   const auto words = again(*found.any, of_all);
   if (!origin.file.empty())
-    add("All tables", {"ontime", "report", origin.file, "--full"});
+    add("All tables", origin.only.empty()
+                          ? Words{"ontime", "report", origin.file, "--full"}
+                          : Words{"ontime", "report", origin.file, "--only", origin.only, "--full"});
   else if (!is_of_listen(words) && !found.failed)       // what failed fails again
     add("Again, all tables", with(words, {"--full"}));  // measures anew: no samples were kept
   return steps;

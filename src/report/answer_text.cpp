@@ -147,6 +147,9 @@ std::string cautions_of(const Answer& answer, std::size_t width, std::size_t lin
   std::string text;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
+  if (answer.cautions.size() > most_cautions)
+    text += fmt::format("… and {} (--full)\n",
+                        many(answer.cautions.size() - most_cautions, "more caution", "more cautions"));
   return text;
 }
 

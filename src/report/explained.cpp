@@ -49,7 +49,6 @@ std::string name_of(const Explained& one) {
 // What `ontime listen` found out while it ran.
 constexpr std::size_t most_told = 20;
 bool is_cause(const record::Note& note) { return note.kind == record::cause_of_late; }
-bool tells_of_late(const record::Note& note) { return is_cause(note) || note.kind == record::cause_not_seen; }
 
 // Late messages of `ontime listen` without a cause in the file.
 struct WithoutCause {
@@ -142,7 +141,14 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
 }
 
 constexpr const char* untraced = "causes unknown: measured without `explain: on`";
-bool is_untraced(const Explained& one) { return !one.run.asked.is_listened() && !one.account.traced; }
+bool is_untraced(const Explained& one) {
+  return !one.run.asked.is_listened() && !one.run.asked.explain && !one.account.traced;
+}
+std::string why_untraced(const Explained& one) {
+  if (!one.run.asked.explain) return untraced;
+  const auto& error = one.run.outcome.error;
+  return error ? "failed: " + word(*error) : "causes unknown: no kernel events were recorded";
+}
 
 std::string text_of(const Explained& one, const Marks& marks) {
   if (one.run.asked.is_listened()) return text_of_listened(one, marks);
@@ -150,7 +156,7 @@ std::string text_of(const Explained& one, const Marks& marks) {
   const auto heading = [&](const std::string& rest) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
   };
-  if (!account.traced) return heading(untraced);
+  if (!account.traced) return heading(why_untraced(one));
   const auto faults = faults_of(account);
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;

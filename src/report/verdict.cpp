@@ -101,7 +101,8 @@ Verdict verdict_of(const Summaries& summaries) {
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("{} of {} had no fault.", fine, many(measured, "run", "runs")));
+    further.push_back(fmt::format("{} of {} had cycles without an answer in time.", measured - fine,
+                                  many(measured, "run", "runs")));
   if (slowest != nullptr)
     further.push_back(fmt::format(
         "Maximum: {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
