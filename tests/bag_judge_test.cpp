@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <numeric>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -327,6 +330,72 @@ TEST_F(Bags, ClockThatWentBackGivesNoPeriod) {
   EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("clock was set")));
 }
 
+// 500 messages, 10 ms apart.
+std::string in_order(const std::vector<int>& order, bool has_stamps = false) {
+  std::string records = schema(1, "sensor_msgs/msg/Imu") + channel(1, has_stamps ? 1 : 0, "/a");
+  for (const auto number : order) {
+    const auto at_ns = start + number * 10 * ms;
+    records += message(1, {at_ns}, has_stamps ? stamped(at_ns - ms) : "");
+  }
+  return mcap(records);
+}
+
+std::vector<int> ascending() {
+  std::vector<int> order(500);
+  std::iota(order.begin(), order.end(), 0);
+  return order;
+}
+
+TEST_F(Bags, SwappedMessagesHaveThePeriodsOfTheirTimes) {
+  for (const bool has_stamps : {false, true}) {
+    auto order = ascending();
+    for (std::size_t i = 9; i < 490; i += 10) std::swap(order[i], order[i + 1]);
+    std::swap(order[498], order[499]);
+    const auto flow =
+        judged_mcap(in_order(order, has_stamps), {.deadline = 15ms, .period = {}, .age = {}}).flows.at(0);
+    EXPECT_EQ(flow.late, 0U);
+    EXPECT_EQ(flow.period.count(), 499U);
+    EXPECT_EQ(flow.period.max_ns(), 10 * ms);
+    EXPECT_DOUBLE_EQ(flow.rate_hz(), 100);
+    EXPECT_EQ(flow.reordered, 50U) << "once, whatever shows it";
+    EXPECT_EQ(flow.silent_ns, 0);
+    EXPECT_THAT(misses_, IsEmpty());
+  }
+}
+
+TEST_F(Bags, MessageFromSomewhatFurtherBackMakesNoGapOfTheNext) {
+  auto order = ascending();
+  std::rotate(order.begin() + 100, order.begin() + 101, order.begin() + 131);  // 300 ms late
+  const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
+  const auto& flow = findings.flows.at(0);
+  EXPECT_EQ(flow.late, 1U) << "where it is missing";
+  EXPECT_EQ(flow.period.count(), 498U);
+  EXPECT_EQ(flow.reordered, 1U);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+}
+
+TEST_F(Bags, ClockThatWentBackALittleLeavesOnePeriodOut) {
+  auto order = ascending();
+  for (std::size_t i = 250; i < 500; ++i) order[i] -= 30;  // 300 ms
+  const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
+  const auto& flow = findings.flows.at(0);
+  EXPECT_EQ(flow.late, 0U);
+  EXPECT_EQ(flow.period.count(), 498U);
+  EXPECT_DOUBLE_EQ(flow.rate_hz(), 100);
+  EXPECT_EQ(flow.reordered, 0U);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+}
+
+TEST_F(Bags, LateMessageIsCountedOnceByPeriodAndAge) {
+  const auto flow = judged_mcap(mcap(schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a") +
+                                     message(1, {start}, stamped(start - 10 * ms)) +
+                                     message(1, {start + 50 * ms}, stamped(start)) +
+                                     message(1, {start + 51 * ms}, stamped(start + 51 * ms))),
+                                {.deadline = 20ms, .period = {}, .age = 5ms})
+                        .flows.at(0);
+  EXPECT_EQ(flow.late, 2U);
+}
+
 TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
   const auto flow = judged_mcap(mcap(numbered({7, 8, 11, 10, 11, 12}, true))).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);  // 9
@@ -444,9 +513,14 @@ TEST_F(Bags, EachMessageIsARowOfEachQuantity) {
       {.deadline = 5ms, .period = {}, .age = 5ms});
   EXPECT_THAT(values_of(period), ElementsAre(10 * ms, 2 * ms, 3 * ms));
   EXPECT_THAT(values_of(age), ElementsAre(ms, 10 * ms, 0));
-  std::vector<bool> late;
-  for (const auto& row : rows_) late.push_back(row.is_late);
-  EXPECT_THAT(late, ElementsAre(false, true, true, false, false, false));
+  const auto is_late = [&](listen::Row::Quantity quantity) {
+    std::vector<bool> late;
+    for (const auto& row : rows_)
+      if (row.quantity == quantity) late.push_back(row.is_late);
+    return late;
+  };
+  EXPECT_THAT(is_late(period), ElementsAre(true, false, false));
+  EXPECT_THAT(is_late(age), ElementsAre(false, true, false));
   // By a clock of their own, which begins with the bag.
   for (const auto& row : rows_) EXPECT_LT(std::abs(row.to_ns), 2000 * ms);
 }

@@ -18,6 +18,7 @@ constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'0
 // such as one that each file repeats, tells nothing.
 constexpr std::int64_t set_back_ns = 1'000'000'000;
 constexpr std::uint64_t enough_to_tell = 8;
+constexpr std::size_t longest_swap = 4;  // messages
 // After 18 years of bag time, clocks that were set back extend it no further.
 constexpr std::int64_t longest_time_ns = std::int64_t{1} << 59;
 // No message of any topic for this long is worth a remark.
@@ -72,9 +73,7 @@ void Judge::add(const Message& message) {
   }
   until_ns_ = std::max(until_ns_, at_ns(message));
   if (stream->messages == 0) stream->first_ns = at_ns(message);
-  const bool came_late = stream->messages > 0 && judge_period(*stream, message);
-  const bool was_old = judge_age(*stream, message);
-  stream->late += came_late || was_old ? 1 : 0;
+  judge_period(*stream, message, judge_age(*stream, message));
   ++stream->messages;
   ++stream->since_back;
   stream->before_last_ns = std::exchange(stream->last_ns, at_ns(message));
@@ -118,6 +117,9 @@ void Judge::end_doubt() {
   for (auto& [key, stream] : streams_)
     if (stream.times_set > times_set_) {
       stream.last_ns -= doubt_->by_ns;
+      stream.judged_ns -= doubt_->by_ns;
+      for (auto& one : stream.waiting) one.at_ns -= doubt_->by_ns;
+      if (stream.behind_ns) *stream.behind_ns -= doubt_->by_ns;
       stream.times_set = times_set_;
     }
   until_ns_ = latest_of_others(nullptr).value_or(until_ns_);
@@ -136,6 +138,7 @@ std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const 
 void Judge::end_file() {
   file_ = {};
   for (auto& [key, stream] : streams_) {
+    judge_waiting(stream, 0);
     stream.in_file = 0;
     if (!stream.sequence.has_begun()) stream.rows.restart();
   }
@@ -209,16 +212,53 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   return false;
 }
 
-bool Judge::judge_period(Stream& stream, const Message& message) {
-  const auto gap = at_ns(message) - stream.last_ns;
-  if (gap < 0 || stream.times_set != times_set_) {
-    was_set_.add(message.topic->name);
-    return false;
+// Judges periods in the order of recording. Adjacent messages that were swapped are sorted. A message from
+// further back has no period: if the next one is behind, too, the recorder's clock was set back a little.
+void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
+  const auto at_ns = this->at_ns(message);
+  const bool is_first = stream.messages == 0;
+  if (is_first || stream.times_set != times_set_) {
+    judge_waiting(stream, 0);
+    stream.behind_ns.reset();
+    if (!is_first) was_set_.add(message.topic->name);
+    stream.judged_ns = at_ns;
+    stream.late += was_old ? 1 : 0;
+    return;
   }
-  const bool is_late = limits_.is_gap(gap);
-  if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
-  listen::add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns(message), is_late);
-  return is_late;
+  auto& waiting = stream.waiting;
+  // Numbers and times of writing tell the order better.
+  const bool shows_order = !stream.sequence.has_begun() && stream.latest_written_ns == 0;
+  if (const auto behind_ns = std::exchange(stream.behind_ns, std::nullopt)) {
+    if (at_ns < (waiting.empty() ? stream.judged_ns : waiting.back().at_ns)) {
+      judge_waiting(stream, 0);
+      stream.judged_ns = *behind_ns;
+    } else if (shows_order) {
+      ++stream.reordered;
+    }
+  }
+  if (at_ns < stream.judged_ns) {
+    was_set_.add(message.topic->name);
+    stream.behind_ns = at_ns;
+    stream.late += was_old ? 1 : 0;
+    return;
+  }
+  const auto place = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
+  if (shows_order && place != waiting.end()) ++stream.reordered;
+  waiting.insert(place, {.message = message, .at_ns = at_ns, .was_old = was_old});
+  judge_waiting(stream, longest_swap);
+}
+
+void Judge::judge_waiting(Stream& stream, std::size_t but) {
+  while (stream.waiting.size() > but) {
+    const auto one = stream.waiting.front();
+    stream.waiting.erase(stream.waiting.begin());
+    const auto gap_ns = one.at_ns - stream.judged_ns;
+    const bool is_late = limits_.is_gap(gap_ns);
+    if (is_late) miss(listen::Miss::Kind::gap, gap_ns, one.message, stream);
+    listen::add_period(stream.period, keep_row_, stream.id, stream.judged_ns, one.at_ns, is_late);
+    stream.late += is_late || one.was_old ? 1 : 0;
+    stream.judged_ns = one.at_ns;
+  }
 }
 
 bool Judge::judge_age(Stream& stream, const Message& message) {
@@ -281,13 +321,16 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
+  // The last two may be swapped. A time far ahead is odd.
+  const auto latest_ns = stream.waiting.empty() ? stream.judged_ns : stream.waiting.back().at_ns;
+  const bool is_swapped = latest_ns > stream.last_ns && latest_ns <= stream.last_ns + set_back_ns;
   return {.id = stream.id,
           .topic = key.first,
           .writer = party_of(key.second),
           .reader = recorder(),
           .messages = stream.messages,
           .first_ns = stream.first_ns,
-          .last_ns = stream.last_ns,
+          .last_ns = is_swapped ? latest_ns : stream.last_ns,
           .period = stream.period,
           .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
           .age_from = stream.age_from,
