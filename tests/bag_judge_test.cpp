@@ -87,6 +87,17 @@ TEST_F(Bags, AgeIsUnknownWhereTheStampCannotBeRead) {
   }
 }
 
+TEST_F(Bags, MessagesWithoutAKnownAgeAreCounted) {
+  const auto flow =
+      judged_mcap(mcap(schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a") +
+                       message(1, {start}, stamped(start - ms)) + message(1, {start + ms}, stamped(0)) +
+                       message(1, {start + 2 * ms}, stamped(100 * 1000 * ms)) +
+                       message(1, {start + 3 * ms}, "")))
+          .flows.at(0);
+  EXPECT_EQ(flow.age->count(), 1U);
+  EXPECT_EQ(flow.age_unknown, 3U);
+}
+
 TEST_F(Bags, PublishTimeGivesTheAgeOfMessagesWithoutHeader) {
   const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + message(1, {start + 3 * ms, start}) +
                                          message(1, {start + 9 * ms, start + 8 * ms})));

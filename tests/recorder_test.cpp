@@ -152,6 +152,49 @@ TEST_F(Recorder, PausesAreToldOfEachRun) {
   EXPECT_EQ(notes[0].text, "listened 40 % of the time");
 }
 
+// `ages` of ten messages have an age. What the results tell of it, as "kind: text" of a run.
+std::string open_age(const std::string& path, std::uint64_t ages,
+                     std::optional<std::chrono::nanoseconds> limit) {
+  {
+    record::Writer writer(path);
+    ListenResults results(writer, {.deadline = {}, .period = {}, .age = limit}, nlohmann::json::object(),
+                          true);
+    listen::Flow flow;
+    flow.id = 1;
+    flow.topic = "/scan";
+    flow.writer = {0, "publishers"};
+    flow.reader = {0, "recorder"};
+    flow.messages = 10;
+    flow.age_unknown = 10 - ages;
+    if (ages > 0) flow.age.emplace();
+    for (std::uint64_t i = 0; i < ages; ++i) {
+      flow.age->add(ms);
+      results.keep({.flow = 1, .index = i, .from_ns = 1000 * ms, .to_ns = 1001 * ms});
+    }
+    results.keep({.flow = 1, .quantity = Row::Quantity::period, .from_ns = 1000 * ms, .to_ns = 1001 * ms});
+    listen::Findings findings;
+    findings.flows = {flow};
+    results.end(findings, false);
+  }
+  std::string told;
+  for (const auto& run : statistics::summarise(record::Reader(path)))
+    for (const auto& note : run.notes) told += run.run.asked.id + ": " + note.kind + ": " + note.text;
+  record::fs::remove(path);
+  return told;
+}
+
+TEST_F(Recorder, MessagesWithoutAKnownAgeAreToldOfTheirRun) {
+  using namespace std::chrono_literals;
+  EXPECT_EQ(open_age(path_, 10, 2ms), "");
+  EXPECT_EQ(open_age(path_, 1, 2ms),
+            "/scan age: gate-not-judged: open: --age: the age of 9 of 10 messages of /scan is unknown");
+  EXPECT_EQ(open_age(path_, 1, {}),
+            "/scan age: age-unknown: the age of 9 of 10 messages of /scan is unknown");
+  EXPECT_EQ(open_age(path_, 0, 2ms),
+            "/scan period: gate-not-judged: open: --age: the age of /scan is unknown");
+  EXPECT_EQ(open_age(path_, 0, {}), "") << "most types have no stamp";
+}
+
 TEST_F(Recorder, WorstOfOneDelayStandsForAll) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
@@ -269,6 +312,22 @@ TEST(ListenWords, QuantilesHaveThreeDigitsAndTheMaximumHasAll) {
   listen::Flow periodic;
   for (int i = 0; i < 100; ++i) periodic.period.add(9'999'500);
   EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("p50 10.0 p99 10.0 max"));
+}
+
+TEST(ListenWords, MessagesWithoutAKnownAgeAreNotOnTimeByTheirAge) {
+  using namespace std::chrono_literals;
+  listen::Flow flow;
+  flow.messages = 500;
+  flow.age_unknown = 499;
+  flow.age.emplace().add(ms);
+  const listen::Limits age{.deadline = {}, .period = {}, .age = 2ms};
+  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  age unknown 499  lost unknown"));
+  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}),
+              testing::HasSubstr("late 0 of 500  age unknown 499 "));
+  EXPECT_EQ(json_of(flow).at("age_unknown"), 499);
+  flow.age.reset();
+  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  lost unknown"));
+  EXPECT_EQ(json_of(listen::Flow{}).at("age_unknown"), nullptr);
 }
 
 }  // namespace

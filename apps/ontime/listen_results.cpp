@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "listen_words.hpp"
 #include "table/table.hpp"
 
@@ -304,6 +305,20 @@ void ListenResults::note_not_judged(const Kept& kept) {
                   std::nullopt, std::nullopt});
 }
 
+// In the run of its ages, or, where none is known, of its periods.
+void ListenResults::note_open_age(const listen::Flow& flow) {
+  const auto text = open_age_of(flow);
+  if (!is_recording_ || text.empty() || (!limits_.age && !is_age_known(flow))) return;
+  for (const auto quantity : {Row::Quantity::age, Row::Quantity::period}) {
+    const auto found = kept_.find({flow.id, quantity});
+    if (found == kept_.end() || found->second.run == 0) continue;
+    writer_.note(found->second.run,
+                 {limits_.age ? gate::open_note : "age-unknown", limits_.age ? "open: --age: " + text : text,
+                  std::nullopt, std::nullopt});
+    return;
+  }
+}
+
 json ListenResults::about_machine() const {
   if (is_recording_) return json::object();
   return {{"hosts", {{"controller", {{"machine", machine::describe()}}}}},
@@ -315,6 +330,7 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
     for (const auto& flow : wanted.flows) add_silence(flow);
     write(wanted.flows, true);
     const auto about = about_machine();
+    for (const auto& flow : wanted.flows) note_open_age(flow);
     for (const auto& [key, kept] : kept_) {
       if (kept.run == 0) continue;
       auto outcome = outcome_of(key.second, kept);

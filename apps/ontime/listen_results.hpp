@@ -74,6 +74,7 @@ class ListenResults {
   };
   void add(Kept&, const roundtrip::Sample&, bool was_lost = false);
   void note_not_judged(const Kept&);
+  void note_open_age(const listen::Flow&);
   void add_silence(const listen::Flow&);
   void keep(Kept&, const roundtrip::Sample&, const listen::Miss*, std::optional<record::Note> cause);
   void write_worst(Kept&);

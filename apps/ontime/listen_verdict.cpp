@@ -24,14 +24,10 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
     return 2;
   if (limits.any() && findings.flows.empty()) return 1;
   if (findings.all_forgotten().with_misses > 0) return 1;
-  // A topic that no process takes has no age, and needs none.
-  const auto lacks_age = [&](const listen::Flow& flow) {
-    return !is_age_known(flow) && (flow.reader.process != 0 || !arguments.is_in_processes());
-  };
+  const auto lacks_age = [](const listen::Flow& flow) { return !open_age_of(flow).empty(); };
   if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
       limits.age && found != findings.flows.end()) {
-    print_error(fmt::format("open: --age {}: the age of {} is unknown", arguments.age,
-                            table::printable(found->topic)));
+    print_error(fmt::format("open: --age {}: {}", arguments.age, open_age_of(*found)));
     return 1;
   }
   const auto lacks_periods = [](const listen::Flow& flow) {

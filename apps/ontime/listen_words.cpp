@@ -97,6 +97,16 @@ std::string way_of(const listen::Flow& flow) {
 
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
 
+std::string open_age_of(const listen::Flow& flow) {
+  // A topic that no process takes has no age, and needs none.
+  if (flow.reader == listen::Party{}) return "";
+  if (!is_age_known(flow)) return fmt::format("the age of {} is unknown", topic_of(flow.topic));
+  const auto unknown = flow.age_unknown.value_or(0);
+  return unknown == 0 ? ""
+                      : fmt::format("the age of {} of {} messages of {} is unknown", unknown, flow.messages,
+                                    topic_of(flow.topic));
+}
+
 std::string silence_of(const listen::Flow& flow) {
   return fmt::format("for {}{:.1f} s{}", flow.was_replaced ? "" : "the last ",
                      static_cast<double>(flow.silent_ns) / 1e9,
@@ -107,11 +117,14 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
                           spread_of(flow.period), age_of(flow));
   const bool lacks_age = limits.age && !is_age_known(flow);
+  const auto unknown = is_age_known(flow) ? flow.age_unknown.value_or(0) : 0;
   if (limits.longest_gap() || (limits.age && !lacks_age))
-    text += fmt::format(" late {} of {}{} ", flow.late, flow.messages - flow.not_judged,
+    text += fmt::format(" late {} of {}{} ", flow.late,
+                        flow.messages - flow.not_judged - (limits.longest_gap() ? 0 : unknown),
                         lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
+  if (unknown > 0) text += fmt::format(" age unknown {} ", unknown);
   if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
   if (flow.silent_ns > 0) text += fmt::format(" SILENT {} ", silence_of(flow));
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
@@ -161,6 +174,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"period", json_of(flow.period)},
           {"age", json_of(flow.age)},
           {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
+          {"age_unknown", json_of(flow.age_unknown)},
           {"late", flow.late},
           {"not_judged", flow.not_judged},
           {"silent_ns", flow.silent_ns},

@@ -21,6 +21,7 @@ std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
 std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
+std::string open_age_of(const listen::Flow&);  // why a limit of its age is open; "": it is not
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&, std::size_t width);
 // line_of() with the date, to be read weeks later.

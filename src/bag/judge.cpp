@@ -263,7 +263,10 @@ void Judge::judge_waiting(Stream& stream, std::size_t but) {
 
 bool Judge::judge_age(Stream& stream, const Message& message) {
   const auto age = age_of(stream, message);
-  if (!age) return false;
+  if (!age) {
+    ++stream.age_unknown;
+    return false;
+  }
   const bool is_late = limits_.is_too_old(*age);
   if (is_late) miss(listen::Miss::Kind::age, *age, message, stream);
   keep_age(stream, message, *age, is_late);
@@ -334,6 +337,7 @@ listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
           .period = stream.period,
           .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
           .age_from = stream.age_from,
+          .age_unknown = stream.age_unknown,
           .lost = stream.sequence.has_begun() ? std::optional(stream.sequence.lost()) : std::nullopt,
           .duplicated = stream.duplicated,
           .reordered = stream.reordered,

@@ -467,8 +467,8 @@ class Results(unittest.TestCase):
 
     START = 1_700_000_000_000_000_000
 
-    def bag(self, gaps_ms, stamp_behind_ms=2):
-        """A bag as rosbag2 writes it, of one topic."""
+    def bag(self, gaps_ms, stamp_behind_ms=2, unset=()):
+        """A bag as rosbag2 writes it, of one topic. Messages `unset`, by number, have no stamp."""
         folder = self.folder / "drive"
         folder.mkdir(exist_ok=True)
         path = folder / "drive_0.db3"
@@ -478,9 +478,9 @@ class Results(unittest.TestCase):
             database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
             database.execute("INSERT INTO topics VALUES(1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr')")
             at = self.START
-            for gap_ms in [0, *gaps_ms]:
+            for number, gap_ms in enumerate([0, *gaps_ms]):
                 at += gap_ms * 10**6
-                stamp = divmod(at - stamp_behind_ms * 10**6, 10**9)
+                stamp = (0, 0) if number in unset else divmod(at - stamp_behind_ms * 10**6, 10**9)
                 database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)",
                                  (at, b"\0\1\0\0" + struct.pack("<iI", *stamp) + b"\1\0\0\0\0"))
         (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n  compression_mode: ''\n"
@@ -504,6 +504,16 @@ class Results(unittest.TestCase):
         runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
         self.assertEqual({run["id"]: run["sent"] for run in runs}, {"/scan age": 5, "/scan period": 4})
         self.assertEqual({run["id"]: run["late"] for run in runs}, {"/scan age": None, "/scan period": 1})  # no --age
+
+    def test_limit_of_an_age_that_is_partly_unknown_is_open(self):
+        bag = self.bag([10] * 99, unset=range(1, 100))
+        done = self.ontime("import", bag, "--age", "5ms", "--results", self.results, code=1)
+        self.assertIn("late 0 of 1  age unknown 99 ", done.stdout)
+        self.assertIn("open: --age 5ms: the age of 99 of 100 messages of /scan is unknown", done.stderr)
+        report = self.ontime("report", self.results).stdout
+        self.assertRegex(report, r"(?s)Caution: .*the\s+age\s+of\s+99\s+of\s+100\s+messages")
+        self.assertRegex(report, r"/scan age .* open")
+        self.ontime("import", bag, "--deadline", "50ms")
 
     def test_damaged_bag_leaves_no_runs(self):
         bag = self.bag([1] * 2000)
