@@ -122,6 +122,8 @@ TEST_F(Bags, OddClocksAreRemarkedAndInventNoAge) {
   EXPECT_THAT(simulated.remarks, ElementsAre(HasSubstr("simulated")));
   const auto ahead = findings_of(start + ms);
   EXPECT_EQ(ahead.flows.at(0).age->max_ns(), 0);
+  EXPECT_EQ(ahead.flows.at(0).stamp_ahead, 1U);
+  EXPECT_EQ(ahead.flows.at(0).age_unknown, 0U);
   EXPECT_THAT(ahead.remarks, ElementsAre(HasSubstr("ahead")));
 }
 

@@ -314,6 +314,27 @@ TEST(ListenWords, QuantilesHaveThreeDigitsAndTheMaximumHasAll) {
   EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("p50 10.0 p99 10.0 max"));
 }
 
+TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
+  using namespace std::chrono_literals;
+  listen::Flow flow;
+  flow.topic = "/scan";
+  flow.reader = {0, "recorder"};
+  flow.messages = 3;
+  flow.age_unknown = 0;
+  flow.stamp_ahead = 2;
+  flow.age.emplace();
+  for (const auto ns : {-1, -1, 1}) flow.age->add(ns);
+  const listen::Limits age{.deadline = {}, .period = {}, .age = 2ms};
+  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  stamp ahead 2  lost unknown"));
+  EXPECT_THAT(open_age_of(flow), testing::StartsWith("2 of 3 stamps of /scan are later than the recording"));
+  EXPECT_EQ(json_of(flow).at("stamp_ahead"), 2);
+  flow.stamp_ahead = 3;
+  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  stamp ahead 3  lost unknown"));
+  flow.age_unknown = 1;
+  EXPECT_THAT(open_age_of(flow),
+              testing::StartsWith("the age of 1 of 3 messages of /scan is unknown; 3 of 3"));
+}
+
 TEST(ListenWords, MessagesWithoutAKnownAgeAreNotOnTimeByTheirAge) {
   using namespace std::chrono_literals;
   listen::Flow flow;

@@ -101,10 +101,16 @@ std::string open_age_of(const listen::Flow& flow) {
   // A topic that no process takes has no age, and needs none.
   if (flow.reader == listen::Party{}) return "";
   if (!is_age_known(flow)) return fmt::format("the age of {} is unknown", topic_of(flow.topic));
-  const auto unknown = flow.age_unknown.value_or(0);
-  return unknown == 0 ? ""
-                      : fmt::format("the age of {} of {} messages of {} is unknown", unknown, flow.messages,
-                                    topic_of(flow.topic));
+  std::string text;
+  if (const auto unknown = flow.age_unknown.value_or(0); unknown > 0)
+    text = fmt::format("the age of {} of {} messages of {} is unknown", unknown, flow.messages,
+                       topic_of(flow.topic));
+  if (const auto ahead = flow.stamp_ahead.value_or(0); ahead > 0)
+    text += fmt::format(
+        "{}{} of {} stamps of {} are later than the recording, and these ages count as 0: the writer's clock "
+        "is ahead. Fix: synchronize the clocks (PTP, chrony)",
+        text.empty() ? "" : "; ", ahead, flow.messages, topic_of(flow.topic));
+  return text;
 }
 
 std::string silence_of(const listen::Flow& flow) {
@@ -116,15 +122,17 @@ std::string silence_of(const listen::Flow& flow) {
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
                           spread_of(flow.period), age_of(flow));
-  const bool lacks_age = limits.age && !is_age_known(flow);
   const auto unknown = is_age_known(flow) ? flow.age_unknown.value_or(0) : 0;
+  const auto ahead = flow.stamp_ahead.value_or(0);
+  const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);
   if (limits.longest_gap() || (limits.age && !lacks_age))
     text += fmt::format(" late {} of {}{} ", flow.late,
-                        flow.messages - flow.not_judged - (limits.longest_gap() ? 0 : unknown),
+                        flow.messages - flow.not_judged - (limits.longest_gap() ? 0 : unknown + ahead),
                         lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
   if (unknown > 0) text += fmt::format(" age unknown {} ", unknown);
+  if (ahead > 0) text += fmt::format(" stamp ahead {} ", ahead);
   if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
   if (flow.silent_ns > 0) text += fmt::format(" SILENT {} ", silence_of(flow));
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
@@ -175,6 +183,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"age", json_of(flow.age)},
           {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
           {"age_unknown", json_of(flow.age_unknown)},
+          {"stamp_ahead", json_of(flow.stamp_ahead)},
           {"late", flow.late},
           {"not_judged", flow.not_judged},
           {"silent_ns", flow.silent_ns},

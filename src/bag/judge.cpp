@@ -306,7 +306,10 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
     foreign_clock_.add(name);
     return {};
   }
-  if (age < 0) ahead_.add(name);
+  if (age < 0) {
+    ahead_.add(name);
+    ++stream.stamp_ahead;
+  }
   return age;
 }
 
@@ -338,6 +341,7 @@ listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
           .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
           .age_from = stream.age_from,
           .age_unknown = stream.age_unknown,
+          .stamp_ahead = stream.stamp_ahead,
           .lost = stream.sequence.has_begun() ? std::optional(stream.sequence.lost()) : std::nullopt,
           .duplicated = stream.duplicated,
           .reordered = stream.reordered,

@@ -62,7 +62,7 @@ class Judge {
     bool is_mixed = false;      // of several writers: the numbers tell nothing
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
-    std::uint64_t age_unknown = 0;  // messages
+    std::uint64_t age_unknown = 0, stamp_ahead = 0;  // messages
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     listen::Rows rows;
     std::uint64_t row_number = 0;  // of the last age in `rows`

@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import random
+import re
 import shutil
 import signal
 import sqlite3
@@ -514,6 +515,17 @@ class Results(unittest.TestCase):
         self.assertRegex(report, r"(?s)Caution: .*the\s+age\s+of\s+99\s+of\s+100\s+messages")
         self.assertRegex(report, r"/scan age .* open")
         self.ontime("import", bag, "--deadline", "50ms")
+
+    def test_ages_from_a_clock_that_is_ahead_are_told_where_they_are_kept(self):
+        bag = self.bag([10] * 99, stamp_behind_ms=-3_600_000)
+        for limits, code in (((), 0), (("--age", "5ms"), 1)):
+            self.results.unlink(missing_ok=True)
+            done = self.ontime("import", bag, *limits, "--results", self.results, code=code)
+            self.assertIn(" stamp ahead 100 ", done.stdout)
+            self.assertIn("the writer's clock is ahead", done.stderr)
+            report = self.ontime("report", self.results).stdout
+            self.assertRegex(report, r"(?s)Caution: .*100\s+of\s+100\s+stamps\s+of\s+/scan\s+are\s+later")
+            self.assertEqual(code == 1, bool(re.search(r"/scan age .* open", report)), report)
 
     def test_damaged_bag_leaves_no_runs(self):
         bag = self.bag([1] * 2000)
