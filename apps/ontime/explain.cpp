@@ -67,7 +67,7 @@ std::vector<record::Note> notes_of(const record::Reader& reader, const record::R
   if (!run.asked.keeps_worst()) {
     std::map<std::int64_t, record::Note*> taken;  // by when its message was taken
     for (auto& note : notes)
-      if (note.at_ns && note.kind == record::cause_of_late) taken[*note.at_ns] = &note;
+      if (note.at_ns && record::tells_of_late(note)) taken[*note.at_ns] = &note;
     reader.each_sample(run.number, [&](const auto& sample) {
       if (const auto found = taken.find(sample.received_ns); found != taken.end())
         found->second->message = sample.index;

@@ -194,9 +194,9 @@ void ListenResults::note(const listen::Miss& miss) {
   if (!failure_.empty()) return;
   const bool is_age = miss.kind == listen::Miss::Kind::age;
   std::optional<record::Note> cause;
-  if (miss.why && miss.why->is_seen) {
+  if (miss.why && (miss.why->is_seen || !keeps_worst_)) {  // of the worst, `explain` looks at the trace again
     const auto limit = (is_age ? limits_.age : limits_.longest_gap()).value_or(0ns);
-    cause = record::Note{record::cause_of_late,
+    cause = record::Note{miss.why->is_seen ? record::cause_of_late : record::cause_not_seen,
                          keeps_worst_ ? dated_line_of(miss, limit) : listen::line_of(miss, limit),
                          miss.course.taken_ns, std::nullopt};
   }

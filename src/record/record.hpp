@@ -58,8 +58,11 @@ struct Note {
 
 // The kind of a note that says why a message was late, of a run of `ontime listen`.
 inline constexpr const char* cause_of_late = "cause";
-// As `ontime explain` finds it in a kept trace; no file has such a note.
+// No cause was seen.
 inline constexpr const char* cause_not_seen = "cause-not-seen";
+inline bool tells_of_late(const Note& note) {
+  return note.kind == cause_of_late || note.kind == cause_not_seen;
+}
 
 // A machine's kernel events around one message.
 struct Trace {

@@ -254,16 +254,22 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
                      contrast->range());
 }
 
-std::string missed_requirements(const std::vector<Entry>& entries) {
-  std::size_t runs = 0, missed = 0;
+std::string requirements(const std::vector<Entry>& entries) {
+  std::size_t runs = 0, missed = 0, open = 0;
   for (const auto& entry : entries)
     for (const auto* run : entry.runs) {
       ++runs;
       missed += has_note(*run, gate::missed_note) ? 1 : 0;
+      open += has_note(*run, gate::open_note) ? 1 : 0;
     }
-  if (missed == 0) return "";
-  return runs == 1 ? " A requirement was missed."
-                   : fmt::format(" {} of {} runs missed a requirement.", missed, runs);
+  std::string text;
+  if (missed > 0)
+    text += runs == 1 ? " A requirement was missed."
+                      : fmt::format(" {} of {} runs missed a requirement.", missed, runs);
+  if (open > 0)
+    text += runs == 1 ? " A requirement is open."
+                      : fmt::format(" A requirement of {} of {} runs is open.", open, runs);
+  return text;
 }
 
 // --- cautions ---
@@ -522,7 +528,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     }
   }
   answer.sentence += searches_sentence_of(summaries);
-  answer.sentence += missed_requirements(entries);
+  answer.sentence += requirements(entries);
   answer.next = next_steps(found, origin);
   return answer;
 }

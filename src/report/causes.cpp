@@ -63,10 +63,6 @@ SameCause told_by(Gathered gathered) {
 
 }  // namespace
 
-bool tells_of_late(const record::Note& note) {
-  return note.kind == record::cause_of_late || note.kind == record::cause_not_seen;
-}
-
 std::string date_of(const std::string& text) {
   static const std::regex date(R"(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d  )");
   std::smatch found;

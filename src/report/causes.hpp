@@ -15,7 +15,6 @@ struct SameCause {
   // same.
   std::string text{}, fix{};  // fix: "" if nothing helps
 };
-bool tells_of_late(const record::Note&);  // why a message was, or that no cause was seen
 // Of notes why a message was late, which stay where they are. The most messages first.
 std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>&);
 // "2026-11-25 03:50:43  ", before the text of a note of weeks; else empty.

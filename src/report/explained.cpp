@@ -109,7 +109,7 @@ std::string text_of(const SameCause& same, const Marks& marks) {
 std::string text_of_listened(const Explained& one, const Marks& marks) {
   std::vector<const record::Note*> told;
   for (const auto& note : one.notes)
-    if (tells_of_late(note)) told.push_back(&note);
+    if (record::tells_of_late(note)) told.push_back(&note);
   if (one.account.late == 0)
     return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
   if (told.empty() && !one.run.outcome.causes) {
@@ -261,7 +261,7 @@ ordered_json json_of(const Explained& one) {
   const auto to_json = [](const auto& of) { return json_of(of); };
   auto notes = ordered_json::array();
   for (const auto& note : one.notes)
-    if (tells_of_late(note))
+    if (record::tells_of_late(note))
       notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
   auto without = ordered_json();
   if (one.run.asked.is_listened()) {

@@ -164,7 +164,7 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   std::vector<const record::Note*> notes, of_late;
   for (const auto& note : summary.notes)
     if (!note.kind.starts_with("search"))  // by these a search of settings resumes
-      (tells_of_late(note) ? of_late : notes).push_back(&note);
+      (record::tells_of_late(note) ? of_late : notes).push_back(&note);
   // Notes about the whole run first: notes about single messages may be many.
   std::stable_partition(notes.begin(), notes.end(),
                         [](const auto* note) { return !note->message && !note->at_ns; });
