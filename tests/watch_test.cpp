@@ -6,6 +6,7 @@
 #include <sys/socket.h>
 
 #include "record_fixture.hpp"
+#include "statistics/statistics.hpp"
 
 namespace ontime::watch {
 namespace {
@@ -105,6 +106,102 @@ TEST_F(Following, LostMessageThatProvesAnsweredIsCountedOnTime) {
   writer.flush();
   EXPECT_EQ(follower.look().lost, 0U);
   EXPECT_EQ(follower.look().on_time, 510U);
+}
+
+// Of cycles of 10 ms, and time-outs of 500 ms.
+json asked_with_cycles(json asked) {
+  asked["period_us"] = 10'000;
+  asked["timeout_us"] = 500'000;
+  return asked;
+}
+
+TEST_F(Following, EndedRunHasTheCountsAndTheLongestWaitOfItsReport) {
+  const auto due_ns = [](std::uint64_t cycle) { return usual(cycle).due_ns; };
+  const json trailing = {{"sent", 500},
+                         {"skipped_cycles", 500},
+                         {"trailing_cycles", 500},
+                         {"trailing_due_ns", due_ns(500)},
+                         {"trailing_until_ns", due_ns(1000)}};
+  auto stood_still = usual(0, 500);  // the answers to these stay out, and so do the cycles before them
+  for (const auto i : {100, 499}) {
+    auto& lost = stood_still[static_cast<std::size_t>(i)];
+    lost.fate = Fate::lost;
+    lost.received_ns = 0;
+    lost.skipped_cycles = 3;
+    lost.intended_ns -= 30'000'000;
+  }
+  const auto number = std::numeric_limits<std::int64_t>::max();
+  const json damaged = {{"trailing_cycles", 7}, {"trailing_due_ns", -number}, {"trailing_until_ns", number}};
+  record::Writer writer(path_);
+  Follower follower(path_);
+  for (const auto& [samples, outcome] : {std::pair{usual(0, 500), trailing},
+                                         {stood_still, json{{"sent", 500}}},
+                                         {stood_still, trailing},
+                                         {usual(0, 5), damaged},
+                                         {{}, trailing},
+                                         {{}, json{{"sent", 0}}}}) {
+    const auto run = writer.begin_run(asked_with_cycles(asked()));
+    writer.append(run, samples);
+    writer.flush();
+    EXPECT_EQ(follower.look().sent, samples.size());
+    writer.end_run(run, outcome);
+    const auto& progress = follower.look();
+    const auto reader = writer.reader();
+    const auto report = statistics::summarise(reader, reader.runs().back());
+    EXPECT_EQ(progress.skipped_cycles, report.skipped_cycles) << outcome;
+    EXPECT_EQ(progress.response_max_ns, report.response.max) << outcome;
+    EXPECT_EQ(progress.lost, report.lost) << outcome;
+    const bool is_open = report.open_wait_ns == report.response.max && report.open_wait_ns > 0;
+    EXPECT_EQ(is_open, !progress.worst.empty() && !progress.worst[0].message) << outcome;
+  }
+}
+
+TEST_F(Following, CyclesAfterTheLastMessageAreCountedOnceTheRunHasEnded) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto run = writer.begin_run(asked_with_cycles(asked()));
+  writer.append(run, usual(0, 500));
+  writer.flush();
+  EXPECT_EQ(follower.look().skipped_cycles, 0U);
+  writer.end_run(run, {{"sent", 500},
+                       {"skipped_cycles", 500},
+                       {"trailing_cycles", 500},
+                       {"trailing_due_ns", usual(500).due_ns},
+                       {"trailing_until_ns", usual(1000).due_ns}});
+  for (int look = 0; look < 2; ++look) {
+    const auto& progress = follower.look();
+    EXPECT_THAT(text_of(progress), HasSubstr("skipped cycles 500\n"));
+    EXPECT_THAT(text_of(progress), HasSubstr("worst: response ≥ 5 s (no answer) at 5.00 s\n"));
+    const auto object = json::parse(json_of(progress));
+    EXPECT_EQ(object.at("skipped_cycles"), 500);
+    EXPECT_EQ(object.at("response_max_us"), 5e6);
+    EXPECT_EQ(object.at("worst")[0],
+              (json{{"message", nullptr}, {"at_s", 5.0}, {"round_trip_us", nullptr}, {"response_us", 5e6}}));
+    EXPECT_THAT(metrics_of(progress), ::testing::ContainsRegex("skipped_cycles_total[^\n]* 500\n"));
+    EXPECT_THAT(metrics_of(progress), ::testing::ContainsRegex("response_max_seconds[^\n]* 5\n"));
+  }
+}
+
+TEST_F(Following, MissingSamplesAreCountedOnceTheRunHasEnded) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto run = writer.begin_run(asked());
+  writer.append(run, usual(0, 500));
+  writer.flush();
+  EXPECT_EQ(follower.look().unrecorded, 0U);
+  writer.end_run(run, {{"sent", 700}, {"on_time", 695}, {"late", 3}, {"lost", 2}, {"dropped_records", 200}});
+  const auto& progress = follower.look();
+  const auto text = text_of(progress);
+  EXPECT_THAT(text, HasSubstr("sent 700  on time 695  late 3  lost 2 "));
+  EXPECT_THAT(text, HasSubstr("samples not recorded (missing below): 200\n"));
+  const auto object = json::parse(json_of(progress));
+  EXPECT_EQ(object.at("sent"), 700);
+  EXPECT_EQ(object.at("on_time"), 695);
+  EXPECT_EQ(object.at("lost"), 2);
+  EXPECT_EQ(object.at("dropped_records"), 200);
+  const auto metrics = metrics_of(progress);
+  for (const auto* fate : {"on_time\"} 695", "late\"} 3", "lost\"} 2"})
+    EXPECT_THAT(metrics, HasSubstr(std::string("fate=\"") + fate + "\n"));
 }
 
 TEST_F(Following, SamplesThatComeAtTheEndAreReported) {

@@ -3,6 +3,7 @@
 #include <deque>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include "watch/watch.hpp"
 
@@ -14,6 +15,7 @@ using roundtrip::Sample;
 
 constexpr std::int64_t may_change_ns = 2'000'000'000;  // a lost message may prove answered within this time
 constexpr std::size_t most_worst = 3;
+constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
 
 // Whether the coordinator noted at the start that samples come after the run, so that they do not disturb the
 // link.
@@ -22,22 +24,68 @@ bool samples_wait(const record::Reader& reader, std::int64_t run) {
   return std::ranges::any_of(notes, [](const auto& note) { return note.kind == "samples-wait"; });
 }
 
-void add(Counted& all, const Sample& sample, std::int64_t start_ns) {
+// Times of an outcome may be any numbers: they wrap around instead of overflowing.
+std::int64_t after(std::int64_t ns, std::int64_t step_ns, std::uint64_t steps = 1) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(ns) +
+                                   static_cast<std::uint64_t>(step_ns) * steps);
+}
+std::int64_t between(std::int64_t earlier, std::int64_t later) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
+}
+
+void keep(Counted& all, const Worst& wait) {
+  all.response_max_ns = std::max(all.response_max_ns, wait.response_ns);
+  if (all.worst.size() == most_worst && wait.response_ns <= all.worst.back().response_ns) return;
+  all.worst.push_back(wait);
+  std::ranges::stable_sort(all.worst, std::ranges::greater(), &Worst::response_ns);
+  if (all.worst.size() > most_worst) all.worst.pop_back();
+}
+
+void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t timeout_ns) {
   ++all.sent;
   all.skipped_cycles += sample.skipped_cycles;
+  if (sample.skipped_cycles > 0 && !all.waiting_since_ns) all.waiting_since_ns = sample.intended_ns;
   if (sample.fate == Fate::lost) {
     ++all.lost;
+    all.waited_until_ns = after(sample.sent_ns, timeout_ns);
     return;
   }
   ++(sample.fate == Fate::late ? all.late : all.on_time);
-  const auto response_ns = sample.received_ns - sample.intended_ns;
-  all.round_trip.add(sample.received_ns - sample.sent_ns);
-  all.response_max_ns = std::max(all.response_max_ns, response_ns);
-  if (all.worst.size() == most_worst && response_ns <= all.worst.back().response_ns) return;
-  all.worst.push_back({sample.index, static_cast<double>(sample.intended_ns - start_ns) / 1e9,
-                       sample.received_ns - sample.sent_ns, response_ns});
-  std::ranges::stable_sort(all.worst, std::ranges::greater(), &Worst::response_ns);
-  if (all.worst.size() > most_worst) all.worst.pop_back();
+  const auto round_trip_ns = sample.received_ns - sample.sent_ns;
+  all.round_trip.add(round_trip_ns);
+  const auto due_ns = std::exchange(all.waiting_since_ns, {}).value_or(sample.due_ns);
+  keep(all, {sample.index, static_cast<double>(due_ns - start_ns) / 1e9, round_trip_ns,
+             sample.received_ns - due_ns});
+}
+
+// What no sample shows, as statistics have it: cycles skipped after the last message, and a wait that no
+// answer ended.
+void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> start_ns) {
+  const auto& counted = run.outcome.counters;
+  if (counted.trailing_cycles > 0 && counted.trailing_cycles < most_trailing) {
+    const auto period_ns = std::max<std::int64_t>(run.asked.task.client.period.count(), 0);
+    all.skipped_cycles += counted.trailing_cycles;
+    if (!all.waiting_since_ns) all.waiting_since_ns = counted.trailing_due_ns;
+    all.waited_until_ns = std::max({all.waited_until_ns, counted.trailing_until_ns,
+                                    after(counted.trailing_due_ns, period_ns, counted.trailing_cycles - 1)});
+  }
+  if (!all.waiting_since_ns) return;
+  const auto since_ns = *all.waiting_since_ns;
+  keep(all, {{},
+             static_cast<double>(between(start_ns.value_or(since_ns), since_ns)) / 1e9,
+             0,
+             between(since_ns, all.waited_until_ns)});
+}
+
+// Messages whose samples are missing: the client counted them. Returns how many.
+std::uint64_t add_unrecorded(Counted& all, const roundtrip::Counters& counted) {
+  const auto missing = std::max(counted.dropped_records, counted.sent - std::min(counted.sent, all.sent));
+  if (missing == 0) return 0;
+  all.sent = std::max(all.sent, counted.sent);
+  all.late = std::max(all.late, counted.late);
+  all.lost = std::max(all.lost, counted.lost);
+  all.on_time = all.sent - std::min(all.sent, all.late + all.lost);
+  return missing;
 }
 
 }  // namespace
@@ -87,6 +135,7 @@ void Follower::look_once() {
     progress_.run = newest;
   }
 
+  const auto timeout_ns = std::max<std::int64_t>(progress_.run.asked.task.client.timeout.count(), 0);
   // Settled samples are added once; newer ones are counted again at each look.
   std::deque<Sample> unsettled;
   if (progress_.run.number > 0 && !progress_.run.asked.keeps_worst())
@@ -94,24 +143,28 @@ void Follower::look_once() {
       if (!start_ns_) start_ns_ = sample.intended_ns;
       unsettled.push_back(sample);
       for (; unsettled.front().intended_ns < sample.intended_ns - may_change_ns; unsettled.pop_front()) {
-        add(settled_, unsettled.front(), *start_ns_);
+        add(settled_, unsettled.front(), *start_ns_, timeout_ns);
         next_ = unsettled.front().index + 1;
       }
     });
   auto newest = settled_;
-  for (const auto& sample : unsettled) add(newest, sample, *start_ns_);
+  for (const auto& sample : unsettled) add(newest, sample, *start_ns_, timeout_ns);
   if (!unsettled.empty()) {
     const auto& last = unsettled.back();
     const auto& counted = progress_.run.outcome.counters;
-    const auto since_start_s = [&](std::int64_t ns) { return static_cast<double>(ns - *start_ns_) / 1e9; };
+    const auto since_start_s = [&](std::int64_t ns) {
+      return static_cast<double>(between(*start_ns_, ns)) / 1e9;
+    };
     progress_.elapsed_s = since_start_s(last.intended_ns);
     // Where samples are missing, what came after them may be, too.
     progress_.measured_s = since_start_s(
         std::max({last.due_ns + progress_.run.asked.task.client.period.count(), last.received_ns,
                   counted.sent > newest.sent ? 0 : counted.trailing_until_ns}));
   }
-  static_cast<Counted&>(progress_) = newest;
   const bool has_ended = !is_written || progress_.run.outcome.has_ended();
+  if (has_ended) add_end(newest, progress_.run, start_ns_);
+  progress_.unrecorded = add_unrecorded(newest, progress_.run.outcome.counters);
+  static_cast<Counted&>(progress_) = newest;
   progress_.lost_for_good = has_ended ? newest.lost : settled_.lost;
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);

@@ -119,23 +119,28 @@ nlohmann::ordered_json or_null(bool is_known, Value value) {
 
 std::string text_of(const Progress& progress) {
   auto text = head_of(progress);
-  if (progress.sent == 0) return text;
+  if (progress.sent == 0 && progress.skipped_cycles == 0) return text;
   text += fmt::format("sent {}  on time {}  late {}  lost {}  skipped cycles {}\n", progress.sent,
                       progress.on_time, progress.late, progress.lost, progress.skipped_cycles);
+  if (progress.unrecorded > 0)
+    text += fmt::format("samples not recorded (missing below): {}\n", progress.unrecorded);
   const auto& times = progress.round_trip;
-  if (times.count() == 0) return text;
   const auto& asked = progress.run.asked;
   const auto measures = asked.is_listened() ? table::printable(asked.measures) : "round trip";
-  text += fmt::format("{}: min {}  mean {}  max {}   (bars: logarithmic)\n", measures,
-                      time_of(times.min_ns()), gate::time_of(mean_ns(times)), time_of(times.max_ns()));
-  text += histogram_of(times);
+  if (times.count() > 0) {
+    text += fmt::format("{}: min {}  mean {}  max {}   (bars: logarithmic)\n", measures,
+                        time_of(times.min_ns()), gate::time_of(mean_ns(times)), time_of(times.max_ns()));
+    text += histogram_of(times);
+  }
   for (const auto& worst : progress.worst)
-    text += fmt::format("worst: {} at {:.2f} s, message {}\n",
-                        asked.is_listened()
-                            ? measures + " " + time_of(worst.round_trip_ns)
-                            : fmt::format("response {} (round trip {})", time_of(worst.response_ns),
-                                          time_of(worst.round_trip_ns)),
-                        worst.at_s, worst.message);
+    text += !worst.message ? fmt::format("worst: response ≥ {} (no answer) at {:.2f} s\n",
+                                         time_of(worst.response_ns), worst.at_s)
+                           : fmt::format("worst: {} at {:.2f} s, message {}\n",
+                                         asked.is_listened() ? measures + " " + time_of(worst.round_trip_ns)
+                                                             : fmt::format("response {} (round trip {})",
+                                                                           time_of(worst.response_ns),
+                                                                           time_of(worst.round_trip_ns)),
+                                         worst.at_s, *worst.message);
   return text;
 }
 
@@ -155,12 +160,13 @@ std::string json_of(const Progress& progress) {
   object["late"] = progress.late;
   object["lost"] = progress.lost;
   object["skipped_cycles"] = progress.skipped_cycles;
+  object["dropped_records"] = progress.unrecorded;
   object["round_trip_us"] = nullptr;
   if (times.count() > 0)
     object["round_trip_us"] = {{"min", in_us(times.min_ns())},
                                {"mean", std::round(mean_ns(times)) / 1e3},
                                {"max", in_us(times.max_ns())}};
-  object["response_max_us"] = or_null(times.count() > 0, in_us(progress.response_max_ns));
+  object["response_max_us"] = or_null(!progress.worst.empty(), in_us(progress.response_max_ns));
   object["histogram"] = nlohmann::ordered_json::array();
   for (auto [i, end] = filled(times); i < end; ++i) {
     const bool beyond = i + 1 == Buckets::size;
@@ -169,10 +175,11 @@ std::string json_of(const Progress& progress) {
   }
   object["worst"] = nlohmann::ordered_json::array();
   for (const auto& worst : progress.worst)
-    object["worst"].push_back({{"message", worst.message},
-                               {"at_s", worst.at_s},
-                               {"round_trip_us", in_us(worst.round_trip_ns)},
-                               {"response_us", in_us(worst.response_ns)}});
+    object["worst"].push_back(
+        {{"message", or_null(worst.message.has_value(), worst.message.value_or(0))},
+         {"at_s", worst.at_s},
+         {"round_trip_us", or_null(worst.message.has_value(), in_us(worst.round_trip_ns))},
+         {"response_us", in_us(worst.response_ns)}});
   return object.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
@@ -204,7 +211,8 @@ std::string metrics_of(const Progress& progress) {
     add("duration_seconds", "gauge", "Requested duration of the run.", *progress.duration_s);
   const auto& times = progress.round_trip;
   add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", in_s(times.max_ns()));
-  add("response_max_seconds", "gauge", "Longest response time: from the due time to the reply.",
+  add("response_max_seconds", "gauge",
+      "Longest response time: from the due time to the reply, or, without one, as long as is known.",
       in_s(progress.response_max_ns));
   text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
   text.add(run, times.counts(), times.sum_ns());

@@ -39,20 +39,24 @@ class Buckets {
 using BucketCounts = std::array<std::uint64_t, Buckets::size>;
 
 struct Worst {
-  std::uint64_t message;
-  double at_s;  // due time, after the run's first message
+  std::optional<std::uint64_t> message;  // whose answer ended the wait; nothing: no answer did
+  double at_s;                           // when the first cycle that waited was due, after the run's first
   std::int64_t round_trip_ns, response_ns;
 };
 
 // Outcomes of a run's messages.
 struct Counted {
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
-  Buckets round_trip;  // of messages that were answered
-  std::int64_t response_max_ns = 0;
-  std::vector<Worst> worst;  // by response time, the longest first; at most 3
+  Buckets round_trip;                // of messages that were answered
+  std::int64_t response_max_ns = 0;  // of all cycles: of skipped ones until the answer that they waited for
+  std::vector<Worst> worst;          // by response time, the longest first; at most 3
+  // Skipped cycles that no answer has reached: when the first was due. None of them can have one before
+  // `waited_until_ns`.
+  std::optional<std::int64_t> waiting_since_ns;
+  std::int64_t waited_until_ns = 0;
 };
 
-// The recorded part of a run.
+// The recorded part of a run. Once its outcome is known: all messages and cycles, as the report has them.
 struct Progress : Counted {
   enum class State {
     waiting,  // ontime has the file open, but no run is sending messages
@@ -62,6 +66,7 @@ struct Progress : Counted {
   record::Run run;                   // the newest run; number 0: none yet
   bool samples_wait = false;         // it is measuring, but its samples come at the end
   std::uint64_t lost_for_good = 0;   // lost messages that can no longer prove answered
+  std::uint64_t unrecorded = 0;      // messages without a sample: their times are unknown
   double elapsed_s = 0;              // from the first message to the newest
   double measured_s = 0;             // until its cycle, or its wait for an answer, was over
   std::optional<double> duration_s;  // as requested
