@@ -366,6 +366,57 @@ TEST(Gnuplot, CutOffRepetitionIsNotPooledAgainstThePayload) {
   EXPECT_THAT(gnuplot_of({cut}, plot), HasSubstr("$missed0 << END\n500 5 5 5\n")) << "it is all there is";
 }
 
+// Each with so many messages/s of background topics; 0: without them.
+Summary beside(double rate_hz) {
+  auto run = plotted("a", "udp");
+  if (rate_hz > 0)
+    amend(run.run.asked, {{"neighbours",
+                           {{"topics", 3},
+                            {"rate_hz", rate_hz},
+                            {"payload_bytes", 500},
+                            {"there", true},
+                            {"back", true},
+                            {"where", "other-process"}}}});
+  return run;
+}
+
+TEST(Gnuplot, RunWithoutBackgroundTopicsIsDrawnAtTheLeftEdge) {
+  const Plot plot{Plot::Figure::background, Plot::Form::svg, false};
+  const auto commands = gnuplot_of({beside(0), beside(100), beside(1000)}, plot);
+  const auto at = found_in(commands, "\\$run0 << END\n([0-9.]+) [^\n]*\n\n100 [^\n]*\n1000 [^\n]*\nEND");
+  ASSERT_EQ(at.size(), 1u) << "and no line leads from 'none' to a rate: " << commands;
+  EXPECT_THAT(commands, HasSubstr("set xtics ('none' " + at[0] + ", 100, 1000)"));
+  EXPECT_LT(std::stod(at[0]), 100);
+  EXPECT_THAT(gnuplot_of({beside(100), beside(1000)}, plot), Not(HasSubstr("none' ")));
+
+  Summaries many;
+  for (const auto rate_hz : {0, 20, 50, 100, 200, 500, 1000}) many.push_back(beside(rate_hz));
+  EXPECT_TRUE(::testing::Matches(::testing::ContainsRegex("set xtics \\('none' [0-9.]+, 100, 1000\\)"))(
+      gnuplot_of(many, plot)))
+      << "no power of ten between 'none' and 20";
+}
+
+TEST(Gnuplot, PayloadOf0BytesIsNotNamed1) {
+  auto empty = plotted("a", "udp"), other = plotted("a", "udp");
+  amend(empty.run.asked, "/payload_bytes", 0);
+  const auto commands = gnuplot_of({empty, other}, {Plot::Figure::payload, Plot::Form::svg, false});
+  EXPECT_EQ(found_in(commands, "set xtics \\(('0' [0-9.]+, 500)\\)").size(), 1u) << commands;
+}
+
+TEST(Gnuplot, RunOfUnknownPayloadIsLeftOutAndCounted) {
+  auto listened = plotted("/scan", "udp");
+  auto request = listened.run.asked.document;
+  request.erase("payload_bytes");
+  request["measures"] = "age";
+  listened.run.asked = request;
+  const Plot plot{Plot::Figure::payload, Plot::Form::svg, false};
+  const auto commands = gnuplot_of({listened, plotted("a", "udp")}, plot);
+  EXPECT_THAT(commands, HasSubstr("'not drawn: 1 run of unknown payload'"));
+  EXPECT_THAT(commands, Not(HasSubstr("/scan")));
+  EXPECT_THAT(commands, HasSubstr("set label 'Round trip'")) << "of what is drawn";
+  EXPECT_THAT(gnuplot_of({plotted("a", "udp")}, plot), Not(HasSubstr("not drawn")));
+}
+
 TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
   const Summaries runs{measured("same", 400'000)};
   auto comparison = compare_chosen(runs, runs);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Round trips against what was varied: the payload, or the rate of the background topics.
 #include <algorithm>
+#include <cmath>
+#include <iterator>
 #include <map>
 #include <set>
 #include <sstream>
@@ -22,16 +24,22 @@ using statistics::Summary;
 struct Abscissa {
   const char* key;  // of a scenario
   const char* label;
-  double (*of)(const Summary&);  // above 0; else the run is not drawn
+  const char* zero;                             // what it is called where it is 0
+  const char* unknown;                          // of runs that are not drawn
+  std::optional<double> (*of)(const Summary&);  // nothing: unknown
 };
-constexpr Abscissa payload{
-    "payload", "Payload (bytes)", [](const Summary& summary) {
-      return static_cast<double>(std::max<std::size_t>(summary.run.asked.task.client.payload_bytes, 1));
-    }};
+constexpr Abscissa payload{"payload", "Payload (bytes)", "0", "of unknown payload",
+                           [](const Summary& summary) {
+                             const auto& asked = summary.run.asked;
+                             return asked.stated("payload_bytes").is_null()
+                                        ? std::nullopt
+                                        : std::optional(static_cast<double>(asked.task.client.payload_bytes));
+                           }};
 // The requested rate, or the achieved one if that fell short.
-double rate_of_background_hz(const Summary& summary) {
+std::optional<double> rate_of_background_hz(const Summary& summary) {
   const auto& asked = summary.run.asked.task.background;
   if (asked.topics == 0) return 0;
+  if (asked.period.count() <= 0) return {};
   const auto rate_hz = 1e9 / static_cast<double>(asked.period.count());
   double sent = 0, others = 0;
   bool is_short = false;
@@ -43,8 +51,9 @@ double rate_of_background_hz(const Summary& summary) {
   // If none was sent, it is drawn at the requested rate, and marked.
   return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
-constexpr Abscissa rate_of_background{
-    "background.rate", "Background topics: messages/s, each topic and direction", rate_of_background_hz};
+constexpr Abscissa rate_of_background{"background.rate",
+                                      "Background topics: messages/s, each topic and direction", "none",
+                                      "of unknown rate", rate_of_background_hz};
 
 // What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
 std::string line_of(const Summary& summary, const Abscissa& abscissa) {
@@ -89,6 +98,44 @@ std::string place_of_miss(double x, const Group& runs, const Range& range) {
                                 range.greatest_ms));
 }
 
+// A logarithmic axis has no place for 0: it stands at the left edge, apart from the others.
+struct Axis {
+  double least = 1e300, greatest = 0;  // of those above 0
+  bool has_zero = false;
+  void add(double x) {
+    has_zero = has_zero || x <= 0;
+    if (x <= 0) return;
+    least = std::min(least, x);
+    greatest = std::max(greatest, x);
+  }
+  bool has_others() const { return greatest > 0; }
+  double zero() const { return has_others() ? least / std::max(1.5, std::pow(greatest / least, 0.2)) : 1; }
+  double at(double x) const { return x > 0 ? x : zero(); }
+  std::string range() const {
+    constexpr double room = 1.3;
+    if (!has_zero && !has_others()) return "[0.1:10]";
+    return fmt::format("[{}:{}]", (has_zero ? zero() : least) / room,
+                       (has_others() ? greatest : zero()) * room);
+  }
+};
+
+// Few places have their numbers; else powers of ten have.
+std::string place_tics(const Axis& axis, const std::set<double>& places, const Abscissa& abscissa) {
+  constexpr std::size_t most_named = 5;
+  if (places.empty() || (places.size() > most_named && !axis.has_zero)) return "";
+  std::vector<double> named;
+  if (places.size() <= most_named)
+    std::ranges::copy_if(places, std::back_inserter(named), [](double x) { return x > 0; });
+  else
+    for (int power = -3; power < 12; ++power)
+      if (const auto x = std::pow(10, power); x >= axis.least && x <= axis.greatest) named.push_back(x);
+  if (named.size() < 2 && places.size() > most_named) named = {axis.least, axis.greatest};
+  const auto zero = axis.has_zero
+                        ? fmt::format("'{}' {:.6g}{}", abscissa.zero, axis.zero(), named.empty() ? "" : ", ")
+                        : "";
+  return fmt::format("set xtics ({}{:g})", zero, fmt::join(named, ", "));
+}
+
 // Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
 constexpr int hollow_points[] = {6, 4, 8, 12};
 
@@ -99,14 +146,18 @@ std::string plot_against(const Group& group, const Plot& plot) {
   constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;
-  double least_x = 1e300, greatest_x = 0, least = 1e12, greatest = 0;
+  Axis axis;
+  double least = 1e12, greatest = 0;
+  std::size_t unknown = 0;
+  Group drawn;
   for (const auto* summary : group) {
     const auto x = abscissa.of(*summary);
+    unknown += x ? 0 : 1;
     // What lost all of its messages is the worst there is: it has no round trip, but it has a ×.
-    if (x <= 0 || (summary->round_trip.count == 0 && !missed_any(*summary))) continue;
-    series[line_of(*summary, abscissa)][x].push_back(summary);
-    least_x = std::min(least_x, x);
-    greatest_x = std::max(greatest_x, x);
+    if (!x || (summary->round_trip.count == 0 && !missed_any(*summary))) continue;
+    series[line_of(*summary, abscissa)][*x].push_back(summary);
+    drawn.push_back(summary);
+    axis.add(*x);
     if (summary->round_trip.count == 0) {
       greatest = std::max(greatest, deadline_ms(*summary).value_or(0));
       continue;
@@ -124,11 +175,16 @@ std::string plot_against(const Group& group, const Plot& plot) {
     const auto i = entries.size();
     std::string p50, p99, missed;
     for (const auto& [x, runs] : places) {
-      p50 += place(x, runs, Figure::p50, range);
-      p99 += place(x, runs, Figure::p99, range);
+      const auto at = axis.at(x);
+      for (const auto& [figure, lines] : {std::pair{Figure::p50, &p50}, {Figure::p99, &p99}}) {
+        const auto found = place(at, runs, figure, range);
+        *lines += found;
+        if (x <= 0 && !found.empty())
+          *lines += "\n";  // no line leads from 0 to the next: it is off the scale
+      }
       any_repeated = any_repeated || runs.size() > 1;
       if (std::ranges::any_of(runs, [](const auto* run) { return missed_any(*run); }))
-        missed += place_of_miss(x, runs, range);
+        missed += place_of_miss(at, runs, range);
     }
     const auto points = hollow_points[i / 7 % std::size(hollow_points)];
     const auto solid = fmt::format("linewidth 1 linecolor rgb '{}'", colour(i));
@@ -155,23 +211,22 @@ std::string plot_against(const Group& group, const Plot& plot) {
   if (any_missed)
     entries.push_back(
         {"late, lost, skipped, cut off, failed, or load shortfall", "", "pointtype 2 pointsize 0.5"});
+  if (unknown > 0)
+    entries.push_back({fmt::format("not drawn: {} {}", many(unknown, "run", "runs"), abscissa.unknown)});
 
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);
   const Box axes{left_cm, 0.2, width - right_cm, 0.2 + axes_cm};
-  sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange [{}:{}]", range.least_ms,
-                        range.greatest_ms, series.empty() ? 0.1 : least_x / 1.3,
-                        series.empty() ? 10 : greatest_x * 1.3));
+  sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange {}", range.least_ms,
+                        range.greatest_ms, axis.range()));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
-  // Few places have their numbers; else powers of ten have.
   std::set<double> places;
   for (const auto& [name, at] : series)
     for (const auto& [x, runs] : at) places.insert(x);
-  constexpr std::size_t most_named = 5;
-  if (!places.empty() && places.size() <= most_named)
-    sheet.add(fmt::format("set xtics ({:g})", fmt::join(places, ", ")));
+  if (const auto tics = place_tics(axis, places, abscissa); !tics.empty()) sheet.add(tics);
   for (const auto& [name, lines] : data) sheet.data(name, lines);
-  sheet.text(0.2, (axes.top + axes.bottom) / 2, report::quantity_of(group), "center rotate");
+  sheet.text(0.2, (axes.top + axes.bottom) / 2, report::quantity_of(drawn.empty() ? group : drawn),
+             "center rotate");
   sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, abscissa.label, "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
   if (parts.empty()) parts.emplace_back("NaN notitle");
