@@ -417,6 +417,20 @@ TEST(Gnuplot, RunOfUnknownPayloadIsLeftOutAndCounted) {
   EXPECT_THAT(gnuplot_of({plotted("a", "udp")}, plot), Not(HasSubstr("not drawn")));
 }
 
+// Of a flight recorder without a histogram: its counts are known, its times are not.
+TEST(Gnuplot, CcdfDrawsNoLineOfARunWhoseTimesAreUnknown) {
+  auto unknown = summary(asked("a", "udp"), outcome(), 0);
+  unknown.sent = 100'000;
+  unknown.late = 5;
+  unknown.lost = 3;
+  const Plot plot{Plot::Figure::ccdf, Plot::Form::svg, false};
+  const auto commands = gnuplot_of({unknown, plotted("b", "udp")}, plot);
+  EXPECT_THAT(commands, HasSubstr("'a udp: System under load (times unknown)'"));
+  EXPECT_THAT(commands, Not(HasSubstr("$run0"))) << "as if all had been lost";
+  EXPECT_THAT(commands, HasSubstr("$run1 using"));
+  EXPECT_THAT(gnuplot_of({unknown, plotted("a", "udp", 2)}, plot), HasSubstr("$run0 << END\n0.1 1\n"));
+}
+
 TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
   const Summaries runs{measured("same", 400'000)};
   auto comparison = compare_chosen(runs, runs);

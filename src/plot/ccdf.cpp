@@ -59,6 +59,12 @@ class Curve {
   std::int64_t greatest_ns_ = 0;
 };
 
+// A flight recorder without a histogram knows its counts, but no times: not that all were slow.
+Group with_times(Group runs) {
+  std::erase_if(runs, [](const auto* run) { return run->round_trip.count == 0 && run->lost < run->sent; });
+  return runs;
+}
+
 constexpr std::size_t most_intervals = 6;  // more of them hide one another
 
 std::string point(double at_ms, double share) { return fmt::format("{:.6g} {:.6g}\n", at_ms, share); }
@@ -149,9 +155,12 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   bool any_spread = false, any_interval = false;
   std::vector<std::string> bands(conditions.size()), lines(conditions.size());
   for (std::size_t i = 0; i < conditions.size(); ++i) {
-    const auto& [name, label, runs] = conditions[i];
-    entries.push_back({name + (runs.size() > 1 ? fmt::format(" ({} runs)", runs.size()) : ""),
+    const auto runs = with_times(conditions[i].runs);
+    entries.push_back({conditions[i].name + (runs.empty()      ? " (times unknown)"
+                                             : runs.size() > 1 ? fmt::format(" ({} runs)", runs.size())
+                                                               : ""),
                        "linewidth 1.4 " + styles[i]});
+    if (runs.empty()) continue;
     lines[i] = line_of(Curve(runs), range, floor);
     if (runs.size() > 1)
       bands[i] = spread_of(runs, range, floor);
@@ -184,13 +193,14 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   std::vector<std::string> parts;
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     if (bands[i].empty()) continue;
-    const bool is_spread = conditions[i].runs.size() > 1;
+    const bool is_spread = with_times(conditions[i].runs).size() > 1;
     sheet.data(fmt::format("band{}", i), bands[i]);
     parts.push_back(
         fmt::format("$band{} {} with filledcurves {} {} fillstyle transparent solid 0.18 noborder", i,
                     is_spread ? "using 1:2:3" : "using 1:2", is_spread ? "" : "closed", styles[i]));
   }
   for (std::size_t i = 0; i < conditions.size(); ++i) {
+    if (lines[i].empty()) continue;
     sheet.data(fmt::format("run{}", i), lines[i]);
     parts.push_back(fmt::format("$run{} using 1:2 with steps {}", i, entries[i].line));
   }
