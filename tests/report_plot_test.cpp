@@ -431,6 +431,15 @@ TEST(Gnuplot, CcdfDrawsNoLineOfARunWhoseTimesAreUnknown) {
   EXPECT_THAT(gnuplot_of({unknown, plotted("a", "udp", 2)}, plot), HasSubstr("$run0 << END\n0.1 1\n"));
 }
 
+TEST(Gnuplot, CountsAreOfAllMessagesWhereSamplesAreMissing) {
+  auto run = plotted("a", "udp");
+  run.sent = run.on_time = 500;
+  amend(run.run.outcome, {{"sent", 700}, {"late", 3}, {"lost", 2}, {"dropped_records", 200}});
+  for (const auto figure : {Plot::Figure::time, Plot::Figure::conditions})
+    EXPECT_THAT(gnuplot_of({run}, {figure, Plot::Form::svg, false}),
+                HasSubstr("'3 late, 2 lost of 700; 200 samples not recorded'"));
+}
+
 TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
   const Summaries runs{measured("same", 400'000)};
   auto comparison = compare_chosen(runs, runs);

@@ -136,9 +136,13 @@ Range range_of(const Group& group) {
 Counts counts_of(const Group& group) {
   Counts all;
   for (const auto* run : group) {
-    all.sent += run->sent;
-    all.late += run->late;
-    all.lost += run->lost;
+    // Where samples are missing, the client counted all messages.
+    const auto missing = statistics::unrecorded(run->run);
+    const auto counted = missing > 0 ? run->run.outcome.counters : roundtrip::Counters{};
+    all.sent += std::max(run->sent, counted.sent);
+    all.late += std::max(run->late, counted.late);
+    all.lost += std::max(run->lost, counted.lost);
+    if (!run->has_worst_only) all.unrecorded += missing;
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
   }
@@ -150,6 +154,8 @@ std::string text_of(const Counts& counts) {
                   ? fmt::format("{} late, {} lost of {}", grouped(counts.late), grouped(counts.lost),
                                 grouped(counts.sent))
                   : fmt::format("{} late of {}; lost unknown", grouped(counts.late), grouped(counts.sent));
+  if (counts.unrecorded > 0)
+    text += fmt::format("; {} not recorded", many(counts.unrecorded, "sample", "samples"));
   if (counts.skipped_cycles > 0)
     text += fmt::format("; {} cycles without a message", grouped(counts.skipped_cycles));
   return text;
