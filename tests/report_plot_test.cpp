@@ -440,6 +440,15 @@ TEST(Gnuplot, CountsAreOfAllMessagesWhereSamplesAreMissing) {
                 HasSubstr("'3 late, 2 lost of 700; 200 samples not recorded'"));
 }
 
+TEST(Gnuplot, WithoutALimitNoMessageIsSaidToBeInTime) {
+  auto run = plotted("/scan", "udp");
+  amend(run.run.asked, {{"measures", "age"}, {"deadline_us", 0}});
+  run.sent = 500;
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("'0 lost of 500; no limit'"));
+  run.run.outcome.loss_unknown = true;
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("'500 messages; no limit; lost unknown'"));
+}
+
 TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
   const Summaries runs{measured("same", 400'000)};
   auto comparison = compare_chosen(runs, runs);

@@ -51,8 +51,8 @@ Group sound_of(const Group&);
 
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
-  std::uint64_t unrecorded = 0;  // of those sent: their times are unknown
-  bool knows_loss = false;       // of a run at least
+  std::uint64_t unrecorded = 0;                 // of those sent: their times are unknown
+  bool knows_late = false, knows_loss = false;  // of a run at least
 };
 Counts counts_of(const Group&);
 std::string text_of(const Counts&);  // "6 late, 0 lost of 1,945"

@@ -143,6 +143,7 @@ Counts counts_of(const Group& group) {
     all.late += std::max(run->late, counted.late);
     all.lost += std::max(run->lost, counted.lost);
     if (!run->has_worst_only) all.unrecorded += missing;
+    all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
   }
@@ -150,10 +151,12 @@ Counts counts_of(const Group& group) {
 }
 
 std::string text_of(const Counts& counts) {
-  auto text = counts.knows_loss
-                  ? fmt::format("{} late, {} lost of {}", grouped(counts.late), grouped(counts.lost),
-                                grouped(counts.sent))
-                  : fmt::format("{} late of {}; lost unknown", grouped(counts.late), grouped(counts.sent));
+  const auto late = grouped(counts.late), lost = grouped(counts.lost), sent = grouped(counts.sent);
+  auto text = counts.knows_late && counts.knows_loss ? fmt::format("{} late, {} lost of {}", late, lost, sent)
+              : counts.knows_late                    ? fmt::format("{} late of {}; lost unknown", late, sent)
+              : counts.knows_loss
+                  ? fmt::format("{} lost of {}; no limit", lost, sent)
+                  : fmt::format("{}; no limit; lost unknown", many(counts.sent, "message", "messages"));
   if (counts.unrecorded > 0)
     text += fmt::format("; {} not recorded", many(counts.unrecorded, "sample", "samples"));
   if (counts.skipped_cycles > 0)
