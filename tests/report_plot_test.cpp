@@ -449,6 +449,18 @@ TEST(Gnuplot, WithoutALimitNoMessageIsSaidToBeInTime) {
   EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("'500 messages; no limit; lost unknown'"));
 }
 
+TEST(Gnuplot, LegendOverTimeNamesOnlyWhatIsDrawn) {
+  auto run = plotted("a", "udp");
+  run.has_worst_only = true;
+  run.late = 5;
+  run.lost = 3;
+  run.shape.slices.clear();
+  const auto commands = gnuplot_of({run}, {});
+  for (const auto* name : {"messages", "median", "late", "lost (at the top)"})
+    EXPECT_THAT(commands, Not(HasSubstr(fmt::format("set label '{}'", name))));
+  EXPECT_THAT(commands, HasSubstr("set xrange [0:1.005]")) << "no axis of a microsecond";
+}
+
 TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
   const Summaries runs{measured("same", 400'000)};
   auto comparison = compare_chosen(runs, runs);

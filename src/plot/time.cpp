@@ -73,6 +73,11 @@ bool is_dot(const statistics::Slice& of, const Range& range) {
   return range.at(of.max_ns) < range.at(of.min_ns) * as_a_dot;
 }
 
+bool has_medians(const Summary* run) {
+  const auto slices = run->shape.slices.size();
+  return slices > 0 && run->sent > few * slices;
+}
+
 // Of a run what there is to draw, as gnuplot's parts of a plot.
 std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run, const Range& range,
                                   const std::vector<Stretch>& stretches, double unit_s) {
@@ -97,8 +102,7 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
     parts.push_back(fmt::format("{} with lines {}", *deadline, deadline_style));
   add("extents", extents, fmt::format("with lines {}", extent_style));
   add("alone", alone, fmt::format("with lines {}", alone_style));
-  if (summary.sent > few * summary.shape.slices.size())
-    add("medians", medians, fmt::format("with lines {}", median_style));
+  if (has_medians(&summary)) add("medians", medians, fmt::format("with lines {}", median_style));
   add("late", late, fmt::format("with lines {}", late_style));
   add("passed", passed, fmt::format("with lines {}", wait_style));
   add("lost", lost, fmt::format("axes x1y2 with points {}", lost_style));
@@ -107,20 +111,22 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
 
 std::vector<Entry> entries_of(const Group& group, const std::vector<std::vector<Stretch>>& stretches,
                               const Range& range) {
-  const auto counts = counts_of(group);
-  const bool any_line = std::ranges::any_of(stretches, [&](const auto& of_run) {
-    return std::ranges::any_of(of_run, [&](const Stretch& one) { return !is_dot(one.second, range); });
-  });
+  const auto any = [&](auto is_it) {
+    return std::ranges::any_of(stretches, [&](const auto& of_run) {
+      return std::ranges::any_of(of_run, [&](const Stretch& one) { return is_it(one.second); });
+    });
+  };
   std::vector<Entry> entries;
-  if (any_line)
+  if (any([&](const auto& of) { return of.sent > of.lost && !is_dot(of, range); }))
     entries.push_back({"from the fastest to the slowest", extent_style});
-  else
+  else if (any([](const auto& of) { return of.sent > of.lost; }))
     entries.push_back({"messages", "", "pointtype 7 pointsize 0.25 linecolor rgb '#0072b2'"});
-  if (std::ranges::any_of(group, [](const auto* run) { return run->sent > few * run->shape.slices.size(); }))
-    entries.push_back({"median", median_style});
-  if (counts.late > 0) entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
-  if (counts.lost > 0) entries.push_back({"lost (at the top)", "", lost_style});
-  if (counts.skipped_cycles > 0)
+  if (std::ranges::any_of(group, has_medians)) entries.push_back({"median", median_style});
+  if (any([](const auto& of) { return of.late > 0; }))
+    entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
+  if (any([](const auto& of) { return of.lost > 0; }))
+    entries.push_back({"lost (at the top)", "", lost_style});
+  if (any([](const auto& of) { return of.skipped_cycles > 0; }))
     entries.push_back({"longest wait of cycles without a message", "",
                        "pointtype 7 pointsize 0.3 linecolor rgb '#882255'"});
   if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
@@ -203,6 +209,7 @@ double end_of(const Group& group) {
   for (const auto* run : group)
     end_s = std::max(end_s, static_cast<double>(run->shape.slices.size()) *
                                 static_cast<double>(run->shape.slice_ns) / 1e9);
+  if (end_s <= 0) end_s = 1;             // nothing is drawn
   return std::max(end_s, 1e-6) * 1.005;  // so that a whole number at the end has its tick
 }
 
