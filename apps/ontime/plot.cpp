@@ -60,7 +60,14 @@ int plot(PlotArguments arguments) {
   const record::Reader reader(arguments.results);
   Output output(arguments.output);
   auto summaries = chosen_summaries(reader, arguments.results, arguments.only);
-  std::erase_if(summaries, [](const auto& summary) { return summary.sent == 0; });
+  std::vector<std::string> without;
+  std::erase_if(summaries, [&](const auto& summary) {
+    if (summary.sent == 0)
+      without.push_back(
+          fmt::format("{}: {}", gate::name_of(summary),
+                      summary.imported ? "imported values have no messages" : "no message was sent"));
+    return summary.sent == 0;
+  });
   if (summaries.empty()) throw Error(2, arguments.results + ": no measured messages to draw");
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
     throw Error(
@@ -80,6 +87,7 @@ int plot(PlotArguments arguments) {
                                payload));
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
+  for (const auto& name : without) print_error("not drawn: " + name);
   for (const auto* run : plot::left_out(summaries, plot))
     print_error(fmt::format("not drawn: {}: {}", gate::name_of(*run), gate::unfit(*run)));
   if (!is_named) print_error("figure: " + arguments.output);

@@ -51,6 +51,7 @@ Group sound_of(const Group&);
 
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
+  std::optional<std::uint64_t> not_in_time{};   // cycles, where response times make more of them late
   std::uint64_t unrecorded = 0;                 // of those sent: their times are unknown
   bool knows_late = false, knows_loss = false;  // of a run at least
 };

@@ -135,6 +135,8 @@ Range range_of(const Group& group) {
 
 Counts counts_of(const Group& group) {
   Counts all;
+  std::uint64_t not_in_time = 0;
+  bool by_response = false;
   for (const auto* run : group) {
     // Where samples are missing, the client counted all messages.
     const auto missing = statistics::unrecorded(run->run);
@@ -146,7 +148,10 @@ Counts counts_of(const Group& group) {
     all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
+    not_in_time += run->late_by_response.value_or(run->late + run->lost);
+    by_response |= report::differs_by_response(*run);
   }
+  if (by_response) all.not_in_time = not_in_time;
   return all;
 }
 
@@ -159,8 +164,11 @@ std::string text_of(const Counts& counts) {
                   : fmt::format("{}; no limit; lost unknown", many(counts.sent, "message", "messages"));
   if (counts.unrecorded > 0)
     text += fmt::format("; {} not recorded", many(counts.unrecorded, "sample", "samples"));
-  if (counts.skipped_cycles > 0)
-    text += fmt::format("; {} cycles without a message", grouped(counts.skipped_cycles));
+  if (counts.not_in_time)
+    text += fmt::format("; {} of {} cycles not in time", grouped(*counts.not_in_time),
+                        grouped(counts.sent + counts.skipped_cycles));
+  else if (counts.skipped_cycles > 0)
+    text += fmt::format("; {} without a message", many(counts.skipped_cycles, "cycle", "cycles"));
   return text;
 }
 
