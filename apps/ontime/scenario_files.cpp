@@ -33,16 +33,24 @@ bool is_path(const std::string& name) {
   return name == "." || name == ".." || name.find('/') != std::string::npos || name.ends_with(suffix);
 }
 
+// A mistyped path must not run another scenario: ./demo, ../demo, /demo and demo.yaml are no installed ones.
+bool is_only_path(const std::string& name) {
+  return name.empty() || name.starts_with('.') || name.starts_with('/') ||
+         (name.find('/') == std::string::npos && name.ends_with(suffix));
+}
+
 fs::path found(const std::string& name) {
   if (is_path(name) && is_there(name)) return name;
   const auto own = own_scenarios();
-  if (own.empty() || fs::path(name).is_absolute()) return {};
+  if (own.empty() || is_only_path(name)) return {};
   for (const auto& path : {own / name, own / (name + suffix), own.parent_path() / name})
     if (is_there(path)) return path;
   return {};
 }
 
-std::string meant(const std::string& name) { return spelling::suggestion(name, own_scenario_names()) + "."; }
+std::string meant(const std::string& name) {
+  return spelling::suggestion(fs::path(name).replace_extension(), own_scenario_names()) + ".";
+}
 
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);

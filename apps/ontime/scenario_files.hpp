@@ -14,8 +14,8 @@ std::filesystem::path own_scenarios();
 std::vector<std::string> own_scenario_names();
 
 // The files that names stand for: a file, or of a folder all *.yaml by name. What is no path here is looked
-// for among those that came with ontime ("paper", "paper/test1", "scenarios/paper"). Throws
-// orders::Error{2}.
+// for among those that came with ontime ("paper", "paper/test1", "scenarios/paper"), but not "./paper",
+// "/paper" and "paper.yaml". Throws orders::Error{2}.
 std::vector<std::string> scenario_files(const std::vector<std::string>& names);
 
 }  // namespace ontime::app

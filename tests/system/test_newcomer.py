@@ -56,6 +56,15 @@ class Newcomer(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
 
+    def test_a_path_never_means_an_installed_scenario(self):
+        for name in ("./demo", "./demo.yaml", "../demo", "/demo.yaml", "./lab", "demo.yaml", "./scenarios/demo.yaml", ""):
+            with self.subTest(name):
+                self.assertIn("no such scenario", self.ontime("scenarios", name, code=2).stderr)
+        self.assertIn("did you mean 'demo'", self.ontime("scenarios", "./demo.yaml", code=2).stderr)
+        for name in ("demo", "lab", "lab/tsn", "lab/tsn.yaml", "scenarios/demo.yaml", "scenarios/lab"):
+            with self.subTest(name):
+                self.ontime("scenarios", name)
+
     def test_a_cpu_that_is_not_there_is_wrong_usage(self):
         said = self.ontime("ping", "--transport", "udp", "--loopback", "--cpus", "1000", code=2).stderr
         self.assertIn("--cpus", said)
