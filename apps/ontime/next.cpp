@@ -27,7 +27,8 @@ std::string newest_results() {
   fs::file_time_type newest_time{};
   std::error_code none;
   for (const auto& entry : fs::directory_iterator(".", none)) {
-    if (entry.path().extension() != ".ontime") continue;
+    if (entry.path().extension() != ".ontime" || !entry.is_regular_file(none) || !is_results(entry.path()))
+      continue;
     const auto time = entry.last_write_time(none);
     if (none || (!newest.empty() && time <= newest_time)) continue;
     newest = entry.path().filename().string();

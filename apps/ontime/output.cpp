@@ -93,13 +93,17 @@ std::string beginning_of(const std::string& path, std::size_t bytes) {
   return beginning;
 }
 
+bool is_results(const std::string& path) {
+  constexpr std::string_view mark = "SQLite format 3";
+  return beginning_of(path, mark.size()) == mark;
+}
+
 Output::Output(std::string path) : path_(std::move(path)) {
   std::error_code ignored;
   const bool to_stdout = path_.empty();
   const bool is_file = fs::is_regular_file(path_, ignored);
-  // A typo must not replace hours of measurements. SQLite files begin with this mark.
-  constexpr std::string_view mark = "SQLite format 3";
-  if (is_file && beginning_of(path_, mark.size()) == mark)
+  // A typo must not replace hours of measurements.
+  if (is_file && is_results(path_))
     throw orders::Error(
         2, fmt::format("{} is a results file and is not replaced. Fix: name another file", path_));
   if (to_stdout) {

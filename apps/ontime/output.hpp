@@ -31,6 +31,7 @@ inline constexpr const char* simulated_time = " of simulated time";  // after ab
 
 // The first bytes of a file, filled with NUL; all NUL if the file is missing.
 std::string beginning_of(const std::string& path, std::size_t bytes);
+bool is_results(const std::string& path);  // by its first bytes
 
 // The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,

@@ -37,6 +37,7 @@ class Newcomer(unittest.TestCase):
     def test_loopback_needs_no_second_terminal(self):
         done = self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", "r.ontime")
         self.assertIn("udp", done.stdout)
+        (self.folder / "newer.ontime").touch()
         self.assertIn("ontime report r.ontime", self.ontime().stdout)
         for flag, value in (("--peer", "127.0.0.1"), ("--interface", "lo"), ("--wait", "1 s")):
             self.ontime("ping", "--transport", "udp", "--loopback", flag, value, code=2)
