@@ -18,8 +18,8 @@ constexpr int format_version = 1;
 
 struct Header {
   std::string boot;     // the kernel's boot_id
-  pid_t pid = 0;        // of its owner, in its own PID namespace: for people only
-  std::string command;  // of its owner, for people
+  pid_t pid = 0;        // of its owner, as people know it, in its own PID namespace: for people only
+  std::string command;  // of that process, for people
   bool operator==(const Header&) const = default;
 };
 

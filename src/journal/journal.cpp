@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <optional>
+#include <system_error>
 #include <thread>
 
 #include <fmt/format.h>
@@ -25,8 +27,18 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto holder_may_end_in = 3s;
 
-std::string command_line() {
-  std::ifstream file("/proc/self/cmdline");
+// This process, or the one of the same program that started it: people know `ontime run`, not its keeper.
+pid_t known_holder() {
+  std::error_code none;
+  const auto program_of = [&](pid_t pid) {
+    return std::filesystem::read_symlink(fmt::format("/proc/{}/exe", pid), none);
+  };
+  const auto own = program_of(getpid());
+  return !own.empty() && program_of(getppid()) == own ? getppid() : getpid();
+}
+
+std::string command_line(pid_t pid) {
+  std::ifstream file(fmt::format("/proc/{}/cmdline", pid));
   std::string command(std::istreambuf_iterator<char>(file), {});
   while (!command.empty() && command.back() == '\0') command.pop_back();
   std::replace_if(
@@ -68,7 +80,8 @@ Journal::GivenBack Journal::hold() {
   auto& folder = *entered;
   auto [name, fd] = folder.add_journal();
   try {
-    append(fd.get(), line_of(Header{boot_id(), getpid(), command_line()}));
+    const auto holder = known_holder();
+    append(fd.get(), line_of(Header{boot_id(), holder, command_line(holder)}));
   } catch (const Error&) {
     folder.remove(name);
     throw;
