@@ -147,7 +147,7 @@ class Results(unittest.TestCase):
         self.assertIn("measure longer", answer.stderr)
         answer = self.ontime("report", self.results, "--fail-if", "p99 > +10%", code=2)
         self.assertIn("--fail-if: 'p99 > +10%', column 7:", answer.stderr)
-        self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
+        self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=2)
         self.assertEqual(self.results.read_bytes(), before)
         scenario = pathlib.Path(self.scenario())
         as_written = scenario.read_bytes()
@@ -414,7 +414,9 @@ class Results(unittest.TestCase):
         for arguments, word in ((["--run", "7"], "no run '7'"), (["--format", "parquet"], "Debian 12"),
                                 (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
-        self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
+        for output, fix in ((self.folder / "no" / "out.csv", "make its folder"), (self.results / "out.csv", "make its folder"),
+                            (self.folder, "name a file in this folder")):
+            self.assertIn(fix, self.ontime("export", self.results, "--output", output, code=2).stderr)
         # As a process of the same number left it that was killed.
         again = subprocess.run(["sh", "-c", 'echo old >again.csv.part-$$; exec "$@"', "sh", ONTIME, "export", self.results,
                                 "--output", "again.csv"], cwd=self.folder, capture_output=True, text=True)
