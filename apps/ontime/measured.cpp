@@ -79,18 +79,6 @@ void keep(record::Writer& writer, const Notes& notes) {
   }
 }
 
-// Only in formats for people: JSON and CSV must stay one document.
-void explain_new(record::Writer& writer, std::size_t known, report::Format format) {
-  if (format != report::Format::table && format != report::Format::markdown) return;
-  const auto reader = writer.reader();
-  const auto runs = reader.runs();
-  std::vector<report::Explained> all;
-  for (std::size_t i = known; i < runs.size(); ++i)
-    if (auto account = explain::account_of(reader, runs[i]); account.traced)
-      all.push_back({runs[i], std::move(account)});
-  if (!all.empty()) print("\n" + report::render_explained(all, format));
-}
-
 }  // namespace
 
 campaign::Selection Choice::checked() const {
@@ -160,6 +148,20 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
   return "to continue: " + table::shell_line(words);
 }
 
+bool is_for_people(report::Format format) {
+  return format == report::Format::table || format == report::Format::markdown;
+}
+
+void explain_new(record::Writer& writer, std::size_t known, report::Format format) {
+  const auto reader = writer.reader();
+  const auto runs = reader.runs();
+  std::vector<report::Explained> all;
+  for (std::size_t i = known; i < runs.size(); ++i)
+    if (auto account = explain::account_of(reader, runs[i]); account.traced)
+      all.push_back({runs[i], std::move(account)});
+  if (!all.empty()) print("\n" + report::render_explained(all, format));
+}
+
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.does("judging the runs");
@@ -182,7 +184,7 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
   print(shown(fresh, format, full, measured.results));  // last, so that the terminal shows it
-  if (full) explain_new(measured.writer, measured.known, format);
+  if (full && is_for_people(format)) explain_new(measured.writer, measured.known, format);
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

@@ -43,6 +43,10 @@ struct Measured {
 int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
                   const std::vector<gate::Gate>&, Terminal&);
 
+// Why messages of the runs from `known` on were late. JSON and CSV must stay one document.
+bool is_for_people(report::Format);
+void explain_new(record::Writer&, std::size_t known, report::Format);
+
 // Writes the page of a results file, with all its runs: "demo.html" beside "demo.ontime". Returns its name.
 // Replaces an earlier page, but throws for any other file, and if it cannot be written.
 std::string write_page_beside(const std::string& results, const record::Reader&,

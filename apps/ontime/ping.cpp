@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "measured.hpp"
 #include "output.hpp"
 #include "run_flags.hpp"
 #include "statistics/statistics.hpp"
@@ -32,6 +35,11 @@ void add_ping(Command& app) {
     const auto run = flags->run();
     const auto wait = duration_flag("--wait", arguments->wait);
     const auto format = format_flag(arguments->format);
+    const bool keeps_no_traces = run.explain && arguments->results.empty();
+    if (keeps_no_traces && !is_for_people(format))
+      throw campaign::Error(2, fmt::format("--explain with --format {} needs --results FILE, where the traces "
+                                           "are kept for `ontime explain`",
+                                           arguments->format));
     auto& interrupts = catch_interrupts();
     record::Writer writer(arguments->results);
     const auto known = writer.reader().runs().size();
@@ -45,6 +53,7 @@ void add_ping(Command& app) {
     // Also shows what a failed run measured. Without a pong there is no run.
     const auto measured = statistics::summarise(writer.reader(), known);
     if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
+    if (keeps_no_traces || (arguments->full && is_for_people(format))) explain_new(writer, known, format);
     return code;
   });
 }

@@ -184,6 +184,15 @@ class Explain(unittest.TestCase):
             self.assertEqual(refused.returncode, 3)
             self.assertIn("another ontime changes this machine", refused.stderr)
 
+    def test_a_ping_that_keeps_no_results_explains_at_once(self):
+        ping = ["ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--explain"]
+        said = ontime(*ping)
+        self.assertEqual(said.returncode, 0, said.stderr)
+        self.assertRegex(said.stdout, r"run 1, ping \(udp\): ")
+        refused = ontime(*ping, "--format", "json")
+        self.assertEqual(refused.returncode, 2)
+        self.assertIn("--results FILE", refused.stderr)
+
     def test_a_run_without_traces_says_so(self):
         self.write("500 ms")
         self.assertEqual(ontime("run", self.scenario, "--results", self.results).returncode, 0)
