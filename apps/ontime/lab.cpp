@@ -24,10 +24,9 @@ struct LabArguments {
 int run(const LabArguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
-  InLab lab(arguments.machine.machine(), {{"ontime", "run", "--only-measure"},
-                                          scenario_files(arguments.scenarios),
-                                          arguments.choice,
-                                          arguments.resume});
+  const auto scenarios = scenario_files(arguments.scenarios);
+  InLab lab(arguments.machine.machine(),
+            {{"ontime", "run", "--only-measure"}, scenarios, arguments.choice, arguments.resume});
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   check_results(results, arguments.resume);
@@ -36,11 +35,10 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
   record::Writer writer(results);
   const auto known = writer.reader().runs().size();
   const auto end = lab.measure(writer, terminal, interrupts);
-  const int code = show_measured({writer, results, known, end.code, end.unfinished}, format, arguments.full,
-                                 flags, gates, terminal);
-  if (!end.unfinished.empty() && !writer.reader().runs().empty())
-    terminal.note(to_go_on(results, !arguments.results.empty(), arguments.resume));
-  return code;
+  const bool has_more = !end.unfinished.empty() && !writer.reader().runs().empty();
+  const auto go_on = has_more ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
+  return show_measured({writer, results, known, end.code, end.unfinished, go_on, scenarios.size()}, format,
+                       arguments.full, flags, gates, terminal);
 }
 
 int shell(const LabFlags& flags) {

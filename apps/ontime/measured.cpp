@@ -166,7 +166,13 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.does("judging the runs");
   auto summaries = statistics::summarise(measured.writer.reader());
-  if (summaries.size() == measured.known) return measured.code;  // no run was measured
+  const auto say_how_to_go_on = [&] {
+    if (!measured.to_go_on.empty()) terminal.note(measured.to_go_on);
+  };
+  if (summaries.size() == measured.known) {  // no run was measured
+    say_how_to_go_on();
+    return measured.code;
+  }
   Notes notes;
   auto judgements = judge(summaries, measured.known, flags, gates, notes);
   if (flags.wanted() && !measured.unfinished.empty())
@@ -183,8 +189,10 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
     terminal.note(fmt::format("results: {}; no page: {}", measured.results, error.what()));
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
-  print(shown(fresh, format, full, measured.results));  // last, so that the terminal shows it
+  const auto text = shown(fresh, format, full, measured.results);
+  print(text);  // last, so that the terminal shows it
   if (full && is_for_people(format)) explain_new(measured.writer, measured.known, format);
+  if (measured.scenarios > 1 || text.find("\nFinish:") == text.npos) say_how_to_go_on();
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

@@ -37,9 +37,11 @@ struct Measured {
   std::size_t known;
   int code;
   std::string unfinished{};
+  std::string to_go_on{};     // a note; "": nothing is left to measure
+  std::size_t scenarios = 1;  // the summary's next step finishes one
 };
-// Shows and judges the runs, and writes the page. Missed requirements go into the results, too. Returns the
-// exit code.
+// Shows and judges the runs, and writes the page. Says how to go on, once. Missed requirements go into the
+// results, too. Returns the exit code.
 int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
                   const std::vector<gate::Gate>&, Terminal&);
 

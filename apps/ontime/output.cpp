@@ -155,13 +155,13 @@ void write_whole(const std::string& path, std::string_view text) {
 void Output::fail(int error) const {
   if (error == EPIPE && path_.empty()) throw ReaderGone();
   const bool is_folder = error == EISDIR, has_no_folder = error == ENOENT || error == ENOTDIR;
-  throw orders::Error(is_folder || has_no_folder ? 2 : 3,
-                      fmt::format("{} cannot be written: {}. Fix: {}",
-                                  path_.empty() ? "standard output" : path_,
-                                  std::generic_category().message(error),
-                                  is_folder       ? "name a file in this folder"
-                                  : has_no_folder ? "make its folder first, or name another file"
-                                                  : "name another file, or free disk space"));
+  throw orders::Error(
+      is_folder || has_no_folder ? 2 : 3,
+      fmt::format("{} cannot be written: {}. Fix: {}", path_.empty() ? "standard output" : path_,
+                  std::generic_category().message(error),
+                  is_folder       ? "name a file in this folder"
+                  : has_no_folder ? "make its folder first, or name another file"
+                                  : "name another file, or free disk space"));
 }
 
 }  // namespace ontime::app

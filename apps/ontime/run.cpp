@@ -147,10 +147,9 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
     }
   }
   if (arguments.only_measure) return code;
-  code = show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
-                       terminal);
-  if (code == 130) terminal.note(to_go_on(results, !arguments.results.empty(), arguments.resume));
-  return code;
+  const auto go_on = code == 130 ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
+  return show_measured({writer, results, known, code, unfinished, go_on, scenarios.size()}, format,
+                       arguments.full, flags, gates, terminal);
 }
 
 }  // namespace

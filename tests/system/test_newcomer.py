@@ -6,6 +6,7 @@ import os
 import pathlib
 import pty
 import re
+import signal
 import subprocess
 import tempfile
 import termios
@@ -56,6 +57,21 @@ class Newcomer(unittest.TestCase):
                                        (["run", "own.yaml", "--duration", "5"], 2, "'5 s'")):
             with self.subTest(arguments):
                 self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
+
+    def test_an_interrupted_run_says_once_how_to_go_on(self):
+        for name in ("one", "two"):
+            (self.folder / f"{name}.yaml").write_text(f"hosts: loopback\nruns: [{{id: {name}, transport: udp, duration: 60 s}}]\n")
+        for arguments in (["one.yaml"], ["one.yaml", "--format", "json"], ["one.yaml", "two.yaml"]):
+            with self.subTest(arguments), subprocess.Popen([ONTIME, "run", *arguments, "--results", f"{len(arguments)}.ontime"],
+                                                           cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+                file = self.folder / f"{len(arguments)}.ontime"
+                self.assertTrue(eventually(lambda: sample_count(file) > 0), run.poll())
+                run.send_signal(signal.SIGINT)
+                shown, said = run.communicate(timeout=120)
+                self.assertEqual(run.returncode, 130)
+                self.assertEqual(said.count(" --resume"), 0 if arguments == ["one.yaml"] else 1, shown + said)
+                self.assertEqual("Finish:" in shown, "json" not in arguments)
+                file.unlink()
 
     def test_a_path_never_means_an_installed_scenario(self):
         for name in ("./demo", "./demo.yaml", "../demo", "/demo.yaml", "./lab", "demo.yaml", "./scenarios/demo.yaml", ""):
