@@ -19,6 +19,7 @@ using nlohmann::json;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
+using testing::Not;
 
 std::vector<std::string> words(const Scenario& scenario) {
   std::vector<std::string> result;
@@ -194,6 +195,23 @@ TEST_F(ScenarioFile, GatesDoNotMultiplyRunsAndAreCheckedWhenRead) {
   EXPECT_THAT(error(of("p99 <= +10%")), HasSubstr("column 8: "));
   EXPECT_THAT(error(of("[[late <= 0]]")), HasSubstr("a value is needed"));
   EXPECT_THAT(error(of("{late: 0}")), HasSubstr("unknown key 'require.late'"));
+}
+
+TEST_F(ScenarioFile, MistypedKeysAreAnsweredWithTheNearestOne) {
+  const auto answered = [](const char* key, const char* meant) {
+    return AllOf(HasSubstr(fmt::format("unknown key '{}' (did you mean '{}'?)", key, meant)),
+                 Not(HasSubstr("allowed")));
+  };
+  const std::string runs = "\nruns: [{id: a, transport: udp}]\n";
+  EXPECT_THAT(error("runs: [{id: a, transprot: udp}]\n"), answered("transprot", "transport"));
+  EXPECT_THAT(error("runs: [{id: a, kernel: {governer: performance}}]\n"),
+              answered("kernel.governer", "governor"));
+  EXPECT_THAT(error("runs: [{id: a, kernal: {governor: performance}}]\n"),
+              answered("kernal.governor", "kernel"));
+  EXPECT_THAT(error("defualts: {}" + runs), answered("defualts", "defaults"));
+  EXPECT_THAT(error("wire: {vlna: 5}" + runs), answered("wire.vlna", "vlan"));
+  EXPECT_THAT(error("hosts: {component: {adress: 1.2.3.4}}" + runs), answered("adress", "address"));
+  EXPECT_THAT(error("hosts: {componnet: {address: 1.2.3.4}}" + runs), HasSubstr("did you mean 'component'?"));
 }
 
 TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {

@@ -14,6 +14,7 @@
 #include "machine/machine.hpp"
 #include "output.hpp"
 #include "settings/settings.hpp"
+#include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -51,7 +52,9 @@ std::string set(campaign::Run& run, const std::string& said) {
     read_flag("--set " + name, [&] { key.set(run, said.substr(equals + 1)); });
     return name;
   }
-  throw Error(2, fmt::format("--set: unknown setting '{}'. Settings: {}", name, fmt::join(names, ", ")));
+  const auto meant = spelling::suggestion(name, names);
+  throw Error(2, fmt::format("--set: unknown setting '{}'{}", name,
+                             meant.empty() ? fmt::format(". Settings: {}", fmt::join(names, ", ")) : meant));
 }
 
 campaign::Run run_of(const TuneArguments& arguments) {

@@ -127,7 +127,7 @@ class Combinations {
     if (selection.explain) entries.try_emplace("explain", node_);
     for (const auto& [path, value] : selection.set) {
       if (!is_key(path) && !is_option(path))
-        throw Error(fmt::format("unknown key '{}'{}", path, nearest(path)));
+        throw Error(fmt::format("unknown key '{}'{}", path, meant_of(path)));
       entries.try_emplace(path, node_);
     }
   }

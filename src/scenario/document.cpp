@@ -13,9 +13,11 @@
 
 #include <boost/locale/utf.hpp>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <yaml-cpp/eventhandler.h>
 
 #include "scenario/scenario.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -139,6 +141,11 @@ class Bounds final : public YAML::EventHandler {
 
 void fail_at(const std::string& file, const YAML::Mark& mark, const std::string& message) {
   throw Error(fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
+}
+
+std::string meant_of(const std::string& key, const std::vector<std::string>& keys) {
+  const auto meant = spelling::suggestion(key, keys);
+  return meant.empty() ? fmt::format("; allowed keys: {}", fmt::join(keys, ", ")) : meant;
 }
 
 std::string scalar_of(const std::string& file, const YAML::Node& node, const std::string& key) {

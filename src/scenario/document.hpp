@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include <yaml-cpp/yaml.h>
 
@@ -12,6 +13,9 @@ namespace ontime::scenario {
 
 // Throws Error: file, line, column, message.
 [[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
+
+// For a mistyped key: " (did you mean 'transport'?)", or else "; allowed keys: …".
+std::string meant_of(const std::string& key, const std::vector<std::string>& keys);
 
 // The scalar value of a key. Throws Error, as once_each() does for a key that occurs twice: YAML forbids it,
 // but yaml-cpp uses the last.

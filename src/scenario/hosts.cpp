@@ -9,6 +9,7 @@
 #include <fmt/ranges.h>
 
 #include "scenario/document.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -37,8 +38,8 @@ class HostsOfFile {
       else if (name == "component")
         fail(entry.first, "hosts: component and components exclude each other: move component to components");
       else
-        fail(entry.first,
-             fmt::format("hosts: unknown host '{}'; allowed hosts: controller, component", name));
+        fail(entry.first, fmt::format("hosts: unknown host '{}'{}; allowed hosts: controller, component",
+                                      name, spelling::suggestion(name, {"controller", "component"})));
     }
     if (component.address.empty() && !names_components)
       fail(node, "hosts: component.address is missing: the controller sends to it");
@@ -144,8 +145,7 @@ class HostsOfFile {
       const auto is_it = [&](const auto& key) { return key.path == stated || key.earlier == stated; };
       const auto key = std::ranges::find_if(keys, is_it);
       if (key == keys.end())
-        fail(name,
-             fmt::format("unknown key '{}{}'; allowed keys: {}", above, stated, fmt::join(allowed, ", ")));
+        fail(name, fmt::format("unknown key '{}{}'{}", above, stated, meant_of(stated, allowed)));
       if (key->path != stated) note_renamed(notices_, file_, name.Mark(), stated, key->path);
       const auto path = above + key->path;
       if (!read.insert(path).second) fail(name, fmt::format("'{}' occurs twice", path));

@@ -6,7 +6,6 @@
 #include <string_view>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "scenario/document.hpp"
 
@@ -55,7 +54,7 @@ bool is_key(const std::string& path) {
   return std::ranges::find(keys(), path, &conditions::Key::path) != keys().end();
 }
 
-std::string nearest(const std::string& path) {
+std::string meant_of(const std::string& path) {
   const auto dot = path.rfind('.');
   const auto parent = dot == std::string::npos ? std::string() : path.substr(0, dot + 1);
   std::set<std::string> siblings;
@@ -63,8 +62,8 @@ std::string nearest(const std::string& path) {
     if (key.path.starts_with(parent))
       siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
   if (parent.empty()) siblings.insert({"id", "options", "require"});
-  if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
-  return fmt::format("; allowed keys: {}", fmt::join(siblings, ", "));
+  if (siblings.empty()) return meant_of(parent.substr(0, parent.size() - 1));
+  return meant_of(path.substr(parent.size()), {siblings.begin(), siblings.end()});
 }
 
 Said RunKeys::divided(const std::string& path) const {
@@ -109,7 +108,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
       if (const auto below = key_below(key); !below.empty())
         fail_at(file_, entry.second.Mark(),
                 fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
-      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, nearest(key)));
+      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(key)));
     }
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(),

@@ -21,8 +21,8 @@ struct Said {
 };
 
 bool is_key(const std::string& path);
-// "; allowed keys: …": those of the same group, for a mistyped key.
-std::string nearest(const std::string& path);
+// As meant_of(), among the keys of the same group.
+std::string meant_of(const std::string& path);
 
 // Keys of one scenario, whose hosts must outlive this. Throws Error: file, line, column, message.
 class RunKeys {

@@ -253,6 +253,7 @@ class Tune(unittest.TestCase):
                 (["apply", "--set", "ksoftirqd"], 2, "NAME=VALUE"),
                 (["apply", "--set", "ksoftirqd=100"], 2, "100"),
                 (["apply", "--set", "speed=1"], 2, "speed"),
+                (["apply", "--set", "governer=performance"], 2, "did you mean 'governor'?"),
                 (["apply", "--set", "rps=0"], 2, "--interface"),
                 (["apply", "--set", "rps=0", "--interface", "nonet0"], 2, "nonet0"),
                 (["apply", "--set", "busy-poll=9", "--set", "rps=0", "--interface", "lo", "--namespace", "no-such"], 3, "no-such"),
