@@ -124,6 +124,20 @@ TEST_F(ScenarioFile, RunsHaveABound) {
   EXPECT_THAT(error(wide), HasSubstr("32 MiB"));
 }
 
+TEST_F(ScenarioFile, ATabInTheIndentationIsNamed) {
+  const auto tab = [](const char* place) {
+    return testing::AllOf(HasSubstr(place), HasSubstr("begins with a tab; YAML needs spaces"));
+  };
+  EXPECT_THAT(error("hosts: loopback\ndefaults:\n\ttransport: udp\nruns: [{id: a}]\n"),
+              tab(":3:1: this line"));
+  EXPECT_THAT(error("runs:\n  - id: a\n    kernel:\n    \tgro: on\n"), tab(":4:5: this line"));
+  EXPECT_THAT(error("runs:\n\t- id: a\n"), tab(":2:1: this line"));
+  EXPECT_THAT(error("runs:\n  -\tid: a\n    transport: udp\n"), tab(":2:4: this line"));
+  EXPECT_THAT(error("runs:\n  - id: a\n    transport:\tudp\n"), "no error");
+  EXPECT_THAT(error("runs: [\n\t{id: a, transport: udp}]\n"), "no error");
+  EXPECT_THAT(error("runs: [\n"), testing::Not(HasSubstr("tab")));
+}
+
 TEST_F(ScenarioFile, OnlyTextIsRead) {
   const std::string runs = "runs: [{id: a, transport: udp}]\n";
   EXPECT_THAT(error("title: caf\xe9\n" + runs), HasSubstr(":1:11: byte 0xe9 is not UTF-8"));

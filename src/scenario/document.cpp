@@ -58,6 +58,18 @@ void check_characters(const std::string& file, const std::string& text) {
                       byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
 }
 
+// The parser's own words do not name a tab, and it stops after it.
+void check_indentation(const std::string& file, const std::string& text, const YAML::Exception& error) {
+  std::istringstream lines(text);
+  std::string line;
+  for (int number = 0; number <= error.mark.line; ++number) std::getline(lines, line);
+  const auto tab = line.find('\t');
+  if (tab == line.npos || line.find_first_not_of(" -") != tab) return;
+  auto mark = error.mark;
+  mark.column = static_cast<int>(tab);
+  fail_at(file, mark, fmt::format("this line begins with a tab; YAML needs spaces ({})", error.msg));
+}
+
 // Counts what the parser finds, and stops it at the limits.
 class Bounds final : public YAML::EventHandler {
  public:
@@ -197,6 +209,7 @@ YAML::Node document_of(const std::string& file, const std::string& text) {
     }
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {
+    check_indentation(file, text, error);
     fail_at(file, error.mark, error.msg);
   }
 }
