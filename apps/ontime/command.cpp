@@ -34,6 +34,13 @@ std::string meant(const CLI::App& command, const std::vector<std::string>& unkno
   return spelling::suggestion(word, words);
 }
 
+// A setting without --set: --help lists settings as NAME=VALUE.
+std::string as_set(const CLI::App& command, const std::string& word) {
+  const bool is_setting = !word.starts_with('-') && word.find('=') != std::string::npos &&
+                          command.get_option_no_throw("--set") != nullptr;
+  return is_setting ? ". Fix: --set " + table::shell_line({word}) : "";
+}
+
 // "ontime tune apply".
 std::string path_of(const CLI::App& command) {
   return (command.get_parent() == nullptr ? "" : path_of(*command.get_parent()) + " ") + command.get_name();
@@ -58,6 +65,7 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   // CLI11 counts: "--duration: At Most 1 required but received 2".
   else if (const auto end = text.find(": At Most 1 required"); end != text.npos)
     text.replace(end, text.npos, " is given twice");
+  if (!unknown.empty()) text += as_set(command, unknown.front());
   return "ontime: " + text + meant(command, unknown) + "\nSee: " + path_of(command) + " --help\n";
 }
 

@@ -107,7 +107,10 @@ int apply(const TuneArguments& arguments) {
     if (const auto [name, is_new] = stated.insert(set(run, said)); !is_new)
       throw Error(2, fmt::format("--set: {} is given twice", *name));
   if (run.kernel.empty())
-    throw Error(2, "nothing to set. Fix: --set NAME=VALUE, or --scenario FILE --only ID");
+    throw Error(2,
+                arguments.scenario.empty()
+                    ? "nothing to set. Fix: --set NAME=VALUE, or --scenario FILE --only ID"
+                    : fmt::format("run '{}' states no kernel.* keys. Fix: --set NAME=VALUE", arguments.run));
   const auto link = link_of(arguments);
   for (const auto& setting : settings::table())
     if (setting.of_interface && link.interface.empty() && run.kernel.contains(setting.name))

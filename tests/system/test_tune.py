@@ -78,6 +78,11 @@ class Tune(unittest.TestCase):
         pathlib.Path(path).write_text(SCENARIO % duration)
         return path
 
+    def plain(self):
+        path = pathlib.Path(self.folder, "plain.yaml")
+        path.write_text("hosts: loopback\nruns: [{id: plain, transport: udp}]\n")
+        return str(path)
+
     def tuned_run(self):
         process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--only", "tuned", "--results", self.results],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -252,6 +257,8 @@ class Tune(unittest.TestCase):
                 (["apply"], 2, "--set"),
                 (["apply", "--set", "ksoftirqd"], 2, "NAME=VALUE"),
                 (["apply", "--set", "ksoftirqd=100"], 2, "100"),
+                (["apply", "governor=performance"], 2, "Fix: --set governor=performance"),
+                (["apply", "--scenario", self.plain(), "--only", "plain"], 2, "'plain' states no kernel.* keys. Fix: "),
                 (["apply", "--set", "speed=1"], 2, "speed"),
                 (["apply", "--set", "governer=performance"], 2, "did you mean 'governor'?"),
                 (["apply", "--set", "rps=0"], 2, "--interface"),
