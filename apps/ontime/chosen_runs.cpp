@@ -43,8 +43,10 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
     if (runs.empty()) throw campaign::Error(2, fmt::format("{} has no runs", file));
     std::vector<std::string> ids;
     const auto all = all_of(runs, ids);
-    throw campaign::Error(2, fmt::format("{} has no run '{}'{}. It has runs {}", file, word,
-                                         spelling::suggestion(word, ids), all));
+    const bool is_range = word.find_first_not_of("0123456789-") == word.npos && word.find('-') != word.npos;
+    throw campaign::Error(
+        2, fmt::format("{} has no run '{}'{}. It has runs {}{}", file, word, spelling::suggestion(word, ids),
+                       all, is_range ? ". Fix: name runs one by one: 1,2,3" : ""));
   }
   if (!words.empty())
     std::erase_if(runs, [&](const auto& run) {

@@ -111,6 +111,8 @@ class Newcomer(unittest.TestCase):
         self.assertEqual(of_one, self.ontime("export", "r.ontime", "--run", "1").stdout)
         self.assertNotEqual(of_one, self.ontime("export", "r.ontime", "--only", "one,2").stdout)
         self.ontime("explain", "r.ontime", "--only", "two")
+        self.assertIn("one by one: 1,2,3", self.ontime("report", "r.ontime", "--only", "1-3", code=2).stderr)
+        self.assertNotIn("one by one", self.ontime("report", "r.ontime", "--only", "three", code=2).stderr)
 
     def test_hosts_that_cannot_be_reached_get_no_scenario(self):
         done = self.ontime("init", "robot@no-such-host.invalid", code=3)
