@@ -43,10 +43,16 @@ std::string percent(double share) {
   return std::abs(share) < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share);
 }
 
+// A limit on response times counts cycles, also those without a message.
+const char* unit_of(const search::Limit& limit) {
+  return limit.text.starts_with("response") ? "cycles" : "messages";
+}
+
 // "p99.9 < 1 ms: 3 of 24000 messages break it, 95 % confidence interval [0.001, 0.06] %"; where the goal
 // holds, with the one-sided limit of the proof: "…; proven: less than 0.09 % (goal: 0.1 %)".
 std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
-  auto text = fmt::format("{}: {:.0f} of {:.0f} messages break it", limit.text, share.events, share.messages);
+  auto text = fmt::format("{}: {:.0f} of {:.0f} {} break it", limit.text, share.events, share.messages,
+                          unit_of(limit));
   if (proof == nullptr)
     return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
                               percent(share.range.high));
@@ -65,9 +71,10 @@ const Trial* last_of(const search::Outcome& outcome) {
 std::string contribution_text(const search::Problem& problem, const search::Contribution& one) {
   std::vector<std::string> parts;
   for (std::size_t limit = 0; limit < problem.goal.size() && limit < one.less.size(); ++limit)
-    parts.push_back(fmt::format("{} ([{}, {}] % of all)", problem.goal[limit].text,
-                                percent(one.less[limit].low), percent(one.less[limit].high)));
-  return fmt::format("without it, more messages break {}{}", fmt::join(parts, ", "),
+    parts.push_back(fmt::format("more {} break {} ([{}, {}] % of all)", unit_of(problem.goal[limit]),
+                                problem.goal[limit].text, percent(one.less[limit].low),
+                                percent(one.less[limit].high)));
+  return fmt::format("without it, {}{}", fmt::join(parts, ", "),
                      one.is_needed ? "" : "; not proven to be needed");
 }
 
@@ -176,7 +183,7 @@ std::string picture_of(const SearchReport& report) {
   const auto height = top_px + row_px * static_cast<double>(trials.size()) + 24;
   const auto width = at.x_of(1, goal.size() - 1) + gap_px;
   std::string svg = fmt::format(
-      R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Share of messages that break each limit, by trial">)",
+      R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Share of messages or cycles that break each limit, by trial">)",
       width, height, width);
   for (std::size_t column = 0; column < goal.size(); ++column) {
     svg += fmt::format(R"(<text x="{:.1f}" y="14" font-weight="bold" fill="currentColor">{}</text>)",
@@ -338,7 +345,8 @@ std::string page_of(const SearchReport& report) {
   for (const auto& [title, words] : how_to_keep(report.kept))
     body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), by_line(words, escaped));
   body +=
-      "<h2>Trials</h2><p>Share of messages that break each limit. Blue: the settings of the trial. Gray: "
+      "<h2>Trials</h2><p>Share of messages (response: of cycles) that break each limit. Blue: the settings "
+      "of the trial. Gray: "
       "what they were compared with. Lines: 95 % confidence intervals. Dashed: the limit.</p>";
   body += "<div class=\"wide\">" + picture_of(report) + "</div><div class=\"wide\">";
   body +=

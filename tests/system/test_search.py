@@ -76,6 +76,12 @@ class Search(unittest.TestCase):
         self.assertTrue((self.folder / "s.search.html").exists())
         self.assertTrue((self.folder / "s.html").exists())
 
+    def test_a_limit_on_response_times_counts_cycles(self):
+        command = [word.replace("json", "table") for word in self.command(goal="response p50 < 1 s and p50 < 1 s")]
+        said = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=120).stdout
+        self.assertRegex(said, r"response p50 < 1 s: 0 of \d+ cycles break it")
+        self.assertRegex(said, r"\n  p50 < 1 s: 0 of \d+ messages break it")
+
     def test_a_search_that_ended_is_not_measured_again(self):
         first = self.search()
         again = self.search("--resume")
