@@ -9,6 +9,8 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <linux/capability.h>
+#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
@@ -18,6 +20,7 @@
 #include "machine/machine.hpp"
 #include "measured.hpp"
 #include "output.hpp"
+#include "realtime/realtime.hpp"
 #include "scenario_files.hpp"
 #include "search/goal.hpp"
 #include "search_report.hpp"
@@ -139,6 +142,19 @@ void check_time(const Arguments& arguments, Seconds within, const Plan& plan) {
     print_error(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
   if (plan.runs > too_many_runs)
     print_error(fmt::format("a proof takes about {:.0f} runs: use longer runs (--duration)", plan.runs));
+}
+
+// Each run records kernel events: on this machine that is denied to an ordinary user.
+void check_user(const campaign::Hosts& hosts) {
+  const auto is_of_this_user = [](const campaign::Host& host) {
+    return host.ssh.empty() && host.host_prefix.empty() && host.command_prefix.empty() &&
+           host.program.empty();
+  };
+  const bool is_denied =
+      geteuid() != 0 && !realtime::has_capability(beginning_of("/proc/self/status", 4096), CAP_SYS_ADMIN);
+  if (is_denied && (is_of_this_user(hosts.controller) || is_of_this_user(hosts.components.front().host)))
+    throw Error(3, "tune search needs root on this machine: each run records kernel events. Fix: sudo " +
+                       table::shell_line(command_line().get<std::vector<std::string>>()));
 }
 
 // Notes before the first trial: contradictions, and settings that are not tried.
@@ -357,6 +373,7 @@ int run(const Arguments& arguments) {
                                  arguments.resume,
                                  flags_of(arguments)});
   } else {
+    if (!arguments.resume) check_user(asked.scenario.hosts);
     asked.bounds.cpus = cpus_of(arguments, isolation::cpus_of_thread(getpid()));
   }
   check_results(asked.results, arguments.resume);

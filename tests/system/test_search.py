@@ -82,6 +82,16 @@ class Search(unittest.TestCase):
         self.assertRegex(said, r"response p50 < 1 s: 0 of \d+ cycles break it")
         self.assertRegex(said, r"\n  p50 < 1 s: 0 of \d+ messages break it")
 
+    def test_an_ordinary_user_is_refused_before_the_first_run_with_the_command_that_works(self):
+        self.folder.chmod(0o777)
+        user = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+        for hosts in ("namespaces", "loopback", "{component: {address: 127.0.0.1}}"):
+            (self.folder / "s.yaml").write_text(SCENARIO.replace("namespaces", hosts))
+            done = subprocess.run([*user, *self.command()], cwd=self.folder, capture_output=True, text=True, timeout=120)
+            self.assertEqual(done.returncode, 3, done.stderr)
+            self.assertRegex(done.stderr, r"\Aontime: .* Fix: sudo \S+ tune search \./s\.yaml --goal 'p50 < 1 s' .*\n\Z")
+            self.assertFalse((self.folder / "s.ontime").exists())
+
     def test_a_search_that_ended_is_not_measured_again(self):
         first = self.search()
         again = self.search("--resume")
