@@ -360,13 +360,48 @@ TEST(JudgeAChange, FailsOnlyIfChanceDoesNotExplainIt) {
   EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
             Result::missed);
   EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.05, 1.03, 1.07)).result, Result::held);
-  const auto unsure = compared("p99 > +10%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2));
+  const auto unsure = compared("p99 > +10%", measured(1, 0.8, 1.2), measured(1.3, 0.9, 1.8));
   EXPECT_EQ(unsure.result, Result::held);
   EXPECT_FALSE(unsure.is_sure);
   EXPECT_EQ(compared("p99 > +0.2 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
             Result::missed);
   EXPECT_EQ(compared("p99 > +0.4 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
             Result::held);
+}
+
+TEST(JudgeAChange, IsOpenIfTheMeasuredChangeIsBeyondTheLimitAndMayBeTwiceIt) {
+  // Two runs a side say so little that 54 times as long may be chance.
+  const auto fast = run(measured(0.15, 0.1, 0.2)), faster = run(measured(0.1, 0.08, 0.2)),
+             slow = run(measured(11.6, 11, 12)), slower = run(measured(4.9, 4, 5));
+  for (const auto* text : {"p99 > +10%", "p99 > +10 us"}) {
+    const auto judgement = judge(parse(text, Use::fail_if_compared), {&fast, &faster}, {&slow, &slower});
+    EXPECT_EQ(judgement.result, Result::cannot_judge) << text;
+    EXPECT_THAT(judgement.says, HasSubstr("Repeat the runs more often")) << text;
+  }
+  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2)).result,
+            Result::cannot_judge);
+  const auto base = run(measured(1, 0.8, 1.2)), unbounded = run(measured(1.3, 1, {}));
+  EXPECT_EQ(
+      judge(parse("p99 > +10%", Use::fail_if_compared), {&base}, {&unbounded}, SingleRuns::judged).result,
+      Result::cannot_judge);
+  EXPECT_EQ(compared("p99 > +60%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2)).result, Result::held)
+      << "the measured change is within the limit";
+}
+
+TEST(JudgeAChange, OfAShareThatWasZeroIsOpenIfItMayBeATenthOfAllMessages) {
+  const auto losing = [](double value, double high) {
+    auto one = run({});
+    one.lost_probability.messages = 60;
+    one.lost_probability.value = value;
+    one.lost_probability.surer = {0.0, high};
+    return one;
+  };
+  const auto none = losing(0, 0.02), some = losing(0.02, 0.2), few = losing(0.02, 0.08);
+  for (const auto* text : {"lost > +10%", "lost > +1 points"}) {
+    const auto gate = parse(text, Use::fail_if_compared);
+    EXPECT_EQ(judge(gate, {&none}, {&some}, SingleRuns::judged).result, Result::cannot_judge) << text;
+    EXPECT_STREQ(word_of(judge(gate, {&none}, {&few}, SingleRuns::judged)), "ok, not certain") << text;
+  }
 }
 
 TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {

@@ -45,6 +45,8 @@ constexpr const char* nothing_answered = "no message was answered";
 constexpr const char* too_few = "too few messages: measure longer";
 constexpr const char* one_run =
     "one run per side does not show how much runs vary. Repeat the runs (repeat: 5), or add --single-runs";
+constexpr const char* too_wide =
+    "the change may be far greater, or chance. Repeat the runs more often, or measure longer";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
   return {result, std::move(run), gate.requirement(), std::move(says)};
@@ -131,13 +133,24 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
       gate, run);
 }
 
-// The judgement that follows from the answer to "is the limit exceeded".
-Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
+// The judgement that follows from the answer to "is the limit exceeded". `of`: what there are too few of.
+Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says,
+                       const char* of = "messages") {
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
   auto held = judgement(gate, std::move(run), Result::held, says);
   held.is_sure = answer == Answer::no;
-  if (!held.is_sure) held.says += "; too few messages to be certain";
+  if (!held.is_sure) held.says += fmt::format("; too few {} to be certain", of);
   return held;
+}
+
+// A measured change beyond the limit that chance may explain passes only if it is surely not far beyond:
+// twice the value that the limit permits, or, of a share without a ratio, 10 % of all messages more.
+bool may_be_far_beyond(const Gate& gate, const statistics::Change& change) {
+  constexpr double twice = 2, tenth = 0.1;
+  const auto& high = change.lies().high;
+  if (!high) return true;
+  if (!change.ratio) return *high > (gate.kind == Gate::Limit::difference ? gate.limit : 0) + tenth;
+  return *high > twice * (gate.kind == Gate::Limit::ratio ? gate.limit : 1 + gate.limit / change.from);
 }
 
 // Why `ontime listen` did not see what the gate judges; empty: it did.
@@ -380,7 +393,8 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (!found) return open(too_few);
   const auto& change = *found;
   const auto by_answer = [&](Answer answer, const std::string& says) {
-    auto judged = judge_answer(gate, name, answer, says);
+    if (answer == Answer::cannot_tell && may_be_far_beyond(gate, change)) return open(says + ": " + too_wide);
+    auto judged = judge_answer(gate, name, answer, says, "runs or messages");
     for (const auto* run : to)
       if (judged.is_sure) judged = unless_it_stood_still(std::move(judged), gate, *run);
     return judged;
