@@ -17,9 +17,11 @@ using statistics::Change;
 using statistics::Figure;
 using statistics::Tendency;
 using statistics::Times;
+using statistics::Verdict;
 using Pair = Comparison::Pair;
 
 constexpr std::size_t most_pairs = 9, most_cautions = 3, lines_of_differences = 3;
+constexpr const char* one_run = "single runs do not show how starts vary. Fix: repeat: 5";
 
 // How a pair counts misses, the most telling way first. A side without cycles counts late messages; a side
 // without a limit only lost ones.
@@ -39,21 +41,25 @@ const Missed* missed_of(const Pair& pair) {
   return nullptr;
 }
 
-struct Proven {
+struct Changed {
   std::vector<std::size_t> less, more;  // places of pairs
   bool none() const { return less.empty() && more.empty(); }
 };
 
-// `metric_of`: nothing, where the pair does not have it.
+bool any_repeated(const Comparison& comparison) { return std::ranges::any_of(comparison.pairs, is_repeated); }
+
+// Beside a repeated pair single runs do not count. `metric_of`: nothing, where the pair does not have it.
 template <typename MetricOf>
-Proven proven_of(const Comparison& comparison, MetricOf metric_of) {
-  Proven proven;
+Changed changed_of(const Comparison& comparison, MetricOf metric_of) {
+  Changed changed;
+  const bool repeated_only = any_repeated(comparison);
   for (std::size_t i = 0; i < comparison.pairs.size(); ++i)
-    if (const std::optional<Change> change = metric_of(comparison.pairs[i])) {
-      if (change->tendency == Tendency::less) proven.less.push_back(i);
-      if (change->tendency == Tendency::more) proven.more.push_back(i);
+    if (const std::optional<Change> change = metric_of(comparison.pairs[i]);
+        change && (change->repeated || !repeated_only)) {
+      if (change->tendency == Tendency::less) changed.less.push_back(i);
+      if (change->tendency == Tendency::more) changed.more.push_back(i);
     }
-  return proven;
+  return changed;
 }
 
 std::vector<std::string> names_of_pairs(const Comparison& comparison) {
@@ -73,23 +79,24 @@ std::vector<std::string> names_of_pairs(const Comparison& comparison) {
 }
 
 // "fewer late messages (udp, fastdds), more (cyclonedds)".
-std::string said(const Proven& proven, const std::vector<std::string>& names, const std::string& less,
+std::string said(const Changed& changed, const std::vector<std::string>& names, const std::string& less,
                  const std::string& more, const std::string& what) {
   const auto of = [&](const std::vector<std::size_t>& places) {
     return places.size() == names.size() ? "" : " (" + name_of_some(names, places) + ")";
   };
   std::vector<std::string> parts;
-  if (!proven.less.empty()) parts.push_back(less + " " + what + of(proven.less));
-  if (!proven.more.empty()) parts.push_back(more + (proven.less.empty() ? " " + what : "") + of(proven.more));
+  if (!changed.less.empty()) parts.push_back(less + " " + what + of(changed.less));
+  if (!changed.more.empty())
+    parts.push_back(more + (changed.less.empty() ? " " + what : "") + of(changed.more));
   return join(parts, " and ");
 }
 
 std::string change_text(const std::optional<Change>& change, std::string (*form)(double)) {
   if (!change) return nothing;
   const auto from = form(change->from), to = form(change->to);
-  return (from == to ? from : from + " → " + to) + (change->tendency != Tendency::unclear ? " *"
-                                                    : change->is_of_unequal_numbers       ? " †"
-                                                                                          : "  ");
+  return (from == to ? from : from + " → " + to) + (change->verdict() != Verdict::cannot_tell ? " *"
+                                                    : change->is_of_unequal_numbers           ? " †"
+                                                                                              : "  ");
 }
 
 std::string share_text(double share) { return share > 0 ? percent(share) + " %" : "0"; }
@@ -160,10 +167,12 @@ std::string differences_text(const Comparison& comparison) {
   return join(parts, "; ");
 }
 
-std::vector<std::string> cautions_of(const Comparison& comparison) {
+std::vector<std::string> cautions_of(const Comparison& comparison, const std::vector<std::string>& pairs) {
   std::vector<std::string> cautions, names;
   Group runs;
-  const bool repeated = std::ranges::all_of(comparison.pairs, is_repeated);
+  std::vector<std::size_t> single;
+  for (std::size_t i = 0; i < pairs.size(); ++i)
+    if (!is_repeated(comparison.pairs[i])) single.push_back(i);
   // There is room for few: the new side's come first.
   for (const auto side : {&Pair::to, &Pair::from})
     for (const auto& pair : comparison.pairs)
@@ -180,7 +189,8 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
       if (remark.weight == weight) cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
   };
   add(Remark::Weight::not_applied);
-  if (!repeated) cautions.emplace_back("one run per side: start-to-start variation unknown. Fix: repeat: 5");
+  if (!single.empty() && any_repeated(comparison))  // else the sentence says it
+    cautions.push_back(fmt::format("{}: {}", name_of_some(pairs, single), one_run));
   add(Remark::Weight::caution);
   return cautions;
 }
@@ -194,23 +204,29 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
   const auto metric = [](Times times, Figure figure) {
     return [=](const Pair& pair) { return change_of(pair, times, figure); };
   };
-  const auto misses = proven_of(comparison, [](const Pair& pair) -> std::optional<Change> {
+  const auto misses = changed_of(comparison, [](const Pair& pair) -> std::optional<Change> {
     const auto* const way = missed_of(pair);
     return way != nullptr ? change_of(pair, way->times, way->figure) : std::nullopt;
   });
-  const auto lost = proven_of(comparison, metric(Times::round_trip, Figure::lost));
-  const auto p99 = proven_of(comparison, metric(Times::round_trip, Figure::p99));
+  const auto lost = changed_of(comparison, metric(Times::round_trip, Figure::lost));
+  const auto p99 = changed_of(comparison, metric(Times::round_trip, Figure::p99));
   std::vector<std::string> parts;
-  const auto add = [&](const Proven& proven, const char* less, const char* more, const std::string& what) {
-    if (!proven.none()) parts.push_back(said(proven, names, less, more, what));
+  const auto add = [&](const Changed& changed, const char* less, const char* more, const std::string& what) {
+    if (!changed.none()) parts.push_back(said(changed, names, less, more, what));
   };
   add(misses, "fewer", "more", missed != nullptr ? missed->words : "late messages");
   if (missed == nullptr || missed->figure != Figure::lost) add(lost, "fewer", "more", "lost messages");
   add(p99, "a lower", "a higher", "p99");
-  if (parts.empty())
-    return fmt::format("No difference in {} or p99 is proven: chance may explain it.",
-                       missed != nullptr ? missed->words : "late messages");
-  return fmt::format("{} has {} than {}.", comparison.to_name, join(parts, "; "), comparison.from_name);
+  const bool repeated = any_repeated(comparison);
+  if (parts.empty()) {
+    const auto* const what = missed != nullptr ? missed->words : "late messages";
+    return fmt::format("No difference in {} or p99 is proven: {}", what,
+                       repeated ? "chance may explain it." : one_run);
+  }
+  const auto changes = join(parts, "; ");
+  return repeated ? fmt::format("{} has {} than {}.", comparison.to_name, changes, comparison.from_name)
+                  : fmt::format("In these runs {} had {} than {}. Not proven: {}", comparison.to_name,
+                                changes, comparison.from_name, one_run);
 }
 
 }  // namespace
@@ -235,12 +251,12 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
     const auto [least, most] = std::ranges::minmax(counts);
     return least == most ? std::to_string(most) : fmt::format("{} to {}", least, most);
   };
-  const bool any_repeated = std::ranges::max(from) + std::ranges::max(to) > 2;
+  const bool any_mean = std::ranges::max(from) + std::ranges::max(to) > 2;
   const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
   text += wrapped(
       printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}{}", comparison.from_name,
                             comparison.to_name, all_listened(first) ? "times" : "round trips", range(from),
-                            range(to), any_repeated ? "; each value is their mean, max the greatest" : "")),
+                            range(to), any_mean ? "; each value is their mean, max the greatest" : "")),
       width);
   auto table =
       table::as_text({.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()))}}, width);
@@ -262,7 +278,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
       alone.push_back(fmt::format("{} of {}", gate::name_of(runs),
                                   side == &comparison.only_from ? comparison.from_name : comparison.to_name));
   add_list("Only on one side: ", join(alone, ", "));
-  const auto cautions = cautions_of(comparison);
+  const auto cautions = cautions_of(comparison, names);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);
   for (const auto& judgement : judgements) text += wrapped(printable(gate::text_of(judgement)), width);

@@ -346,7 +346,7 @@ class Results(unittest.TestCase):
             wanted = "cannot tell" if form in ("json", "csv") else "lower"
             self.assertIn(wanted, self.ontime("compare", slower, a, "--format", form).stdout)
         answer = self.ontime("compare", a, slower)
-        self.assertRegex(answer.stdout, r"^slower.ontime has a higher p99 than a.ontime\.\n")
+        self.assertRegex(answer.stdout, r"^In these runs slower.ontime had a higher p99 than a.ontime\.")
         self.assertRegex(answer.stdout, r"\nAll metrics: +ontime compare \S+ \S+ --full\n$")
 
     def test_what_has_no_partner_holds_no_line(self):
