@@ -256,6 +256,22 @@ TEST(Change, VerdictIsThatOfTheRatiosIntervalWhereTheDifferenceSaysOtherwise) {
             Answer::cannot_tell);
 }
 
+TEST(Change, OfSharesIsNoMoreThanAllMessages) {
+  std::vector<Summary> a(2), b(2);
+  const auto losing = [](Summary& run, double events) {
+    run.lost_probability = probability(std::vector<Batch>(100, {10, events}), 1);
+  };
+  losing(a[0], 1);
+  losing(a[1], 9);
+  losing(b[0], 0);
+  losing(b[1], 0);
+  const auto less = *change_of(a, b, Figure::lost), more = *change_of(b, a, Figure::lost);
+  EXPECT_FALSE(less.ratio);
+  EXPECT_EQ(less.difference_lies.low, -1.0) << "two runs that differ so much bound nothing";
+  EXPECT_EQ(more.difference_lies.high, 1.0);
+  EXPECT_LT(*more.difference_lies.low, 0);
+}
+
 TEST(Change, MaximumIsTheGreatestOfAllRunsAndHasNoVerdict) {
   std::vector<Summary> a(3), b(3);
   for (std::size_t i = 0; i < 3; ++i) {

@@ -218,15 +218,17 @@ ordered_json optional(const std::optional<double>& value, double unit) {
   return value ? ordered_json(*value / unit) : ordered_json();
 }
 
+// Of two intervals only the one that decides: the other may say otherwise.
 ordered_json json_of(const Row& row, const statistics::Change& change) {
   const double unit = row.is_share() ? 1 : 1e3;
+  const auto difference_lies = change.ratio ? statistics::Interval() : change.difference_lies;
   return {{"figure", row.key()},
           {"from", change.from / unit},
           {"to", change.to / unit},
           {"difference",
            change.is_of_unequal_numbers ? ordered_json() : ordered_json((change.to - change.from) / unit)},
-          {"difference_low", optional(change.difference_lies.low, unit)},
-          {"difference_high", optional(change.difference_lies.high, unit)},
+          {"difference_low", optional(difference_lies.low, unit)},
+          {"difference_high", optional(difference_lies.high, unit)},
           {"ratio", optional(change.ratio, 1)},
           {"ratio_low", optional(change.ratio_lies.low, 1)},
           {"ratio_high", optional(change.ratio_lies.high, 1)},

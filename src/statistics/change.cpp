@@ -176,6 +176,9 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   change.from = one.value;
   change.to = other.value;
   change.difference_lies = difference_lies(one, other);
+  if (metric_of(figure).is_share)
+    for (auto* end : {&change.difference_lies.low, &change.difference_lies.high})
+      if (*end) *end = std::clamp(**end, -1.0, 1.0);
   set_ratio(change, before, after);
   const auto& lies = change.lies();
   const double same = change.ratio ? 1 : 0;
