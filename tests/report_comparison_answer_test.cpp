@@ -150,6 +150,18 @@ TEST(CompareAnswer, RepetitionsSayWhatIsShown) {
   EXPECT_THAT(answer_of(compare(one, one)), Not(HasSubstr("mean")));
 }
 
+TEST(CompareAnswer, RunThatWasMeasuredAsRequestedHasNoLine) {
+  const std::vector a{with_misses("x", "k1", 100)};
+  const std::vector judgements{gate::judge_as_asked(a[0]),
+                               Judgement{Judgement::Result::held, "x udp", "lost <= 0", "0 of 100 messages"}};
+  const auto comparison = compare(a, a);
+  for (const auto& text : {render_answer(comparison, judgements, Format::table, "", 80),
+                           render(comparison, judgements, Format::table)}) {
+    EXPECT_THAT(text, Not(HasSubstr(gate::as_asked)));
+    EXPECT_THAT(text, HasSubstr("ok: lost <= 0 (x udp)"));
+  }
+}
+
 TEST(CompareAnswer, FitsAScreenWhateverOthersWrote) {
   std::vector<Summary> a, b;
   for (int i = 0; i < 40; ++i) {

@@ -94,7 +94,7 @@ struct Judgement {
   // caller must not take that for a pass.
   enum class Result { held, missed, cannot_judge } result = Result::held;
   std::string run, gate;  // gate: the requirement
-  std::string says;       // the metric, its interval, and what follows, for people
+  std::string says;       // the metric, its interval, and what follows, for people; empty: `gate` says it all
   bool is_sure = true;    // false: it held, but only because chance may explain what was measured
 };
 

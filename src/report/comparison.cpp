@@ -326,7 +326,8 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
   for (const auto& [name, runs] : {std::pair(&comparison.from_name, &comparison.only_from),
                                    std::pair(&comparison.to_name, &comparison.only_to)})
     if (!runs->empty()) page.notes.push_back(fmt::format("Only in {}: {}", *name, list_of(*runs)));
-  for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
+  for (const auto& judgement : judgements)
+    if (!judgement.says.empty()) page.notes.push_back(gate::text_of(judgement));
   if (!std::ranges::all_of(comparison.pairs, is_imported))
     page.legend =
         "98 % interval: confidence interval of the change. Cannot tell: chance may explain the difference.";

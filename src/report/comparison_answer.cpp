@@ -281,7 +281,8 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   const auto cautions = cautions_of(comparison, names);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);
-  for (const auto& judgement : judgements) text += wrapped(printable(gate::text_of(judgement)), width);
+  for (const auto& judgement : judgements)
+    if (!judgement.says.empty()) text += wrapped(printable(gate::text_of(judgement)), width);
   return text + steps_text({{"All metrics", full_command}}, width);
 }
 
