@@ -214,6 +214,25 @@ TEST(Judge, UnmeasuredRunsAreOpen) {
   EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
 }
 
+TEST(Judge, OfAnImportedRunTheMaximumIsJudgedAndOtherGatesAreNamedOpen) {
+  auto imported = run({});
+  imported.imported.emplace();
+  imported.sent = 0;
+  imported.wake_up.count = 1000;
+  imported.wake_up.max = 99'000;
+  EXPECT_EQ(text_of(judged("max > 50 us", imported)),
+            "FAIL: max <= 50 us (Test1.B udp #2 (run 5)): max wake-up latency is 99 µs");
+  EXPECT_EQ(judged("max > 100 us", imported).result, Result::held);
+  EXPECT_EQ(judged("response max > 100 us", imported).result, Result::cannot_judge);
+  const std::vector gates{parse("p99 > 50 us", Use::fail_if), parse("max > 50 us", Use::fail_if)};
+  const auto all = judge_all(gates, imported);
+  ASSERT_EQ(all.size(), 2U);
+  EXPECT_EQ(all[0].gate, "p99 <= 50 us");
+  EXPECT_EQ(all[0].result, Result::cannot_judge);
+  EXPECT_EQ(all[1].result, Result::missed);
+  EXPECT_EQ(judge_as_asked(imported).result, Result::held) << "nothing was requested of it";
+}
+
 TEST(EndsSearch, AtMissesAndAtShortfalls) {
   const json asked{{"link", {{"loss", 0.01}}}, {"search", {{"step", 1}}}};
   for (const auto* what :

@@ -101,6 +101,7 @@ struct Judgement {
 // A number of messages and a maximum are what they are. All other metrics pass a limit only if chance does
 // not explain it: statistics::exceeds(), ratio_exceeds(), difference_exceeds(). A percentile also keeps to
 // its limit if the share of slower messages does.
+// Of an imported run, which has no single messages, only the greatest wake-up latency is judged.
 Judgement judge(const Gate&, const statistics::Summary&);  // one that is not relative
 // Of repetitions. A side of one run is judged only if asked for: the interval is then about these runs, and
 // not about what changes from one start to the next.
@@ -117,7 +118,7 @@ std::string text_of(const Judgement&);
 // All gates of one run that are not relative, and what its scenario required (from its record). Of a run that
 // cannot be judged a single judgement, as_asked, says why.
 std::vector<Judgement> judge_all(std::span<const Gate>, const statistics::Summary&);
-// A gate of this name: the run finished with all requested conditions.
+// A gate of this name: the run finished with all requested conditions. An imported one was not requested.
 inline constexpr const char* as_asked = "measured as asked";
 Judgement judge_as_asked(const statistics::Summary&);
 

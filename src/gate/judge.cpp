@@ -324,7 +324,7 @@ std::string text_of(const Judgement& judgement) {
 }
 
 Judgement judge_as_asked(const Summary& run) {
-  const auto why = unfit(run);
+  const auto why = run.imported ? "" : unfit(run);
   return {why.empty() ? Result::held : Result::cannot_judge, name_of(run), as_asked, why};
 }
 
@@ -332,6 +332,12 @@ Judgement judge(const Gate& gate, const Summary& run) {
   const auto open = [&](const std::string& why) {
     return judgement(gate, name_of(run), Result::cannot_judge, why);
   };
+  if (run.imported && run.wake_up.count > 0 && gate.figure == Figure::max &&
+      gate.times == statistics::Times::round_trip) {
+    const auto max = static_cast<double>(run.wake_up.max);
+    return judgement(gate, name_of(run), max > gate.limit ? Result::missed : Result::held,
+                     "max wake-up latency is " + value_of(gate, max));
+  }
   if (const auto why = unfit(run); !why.empty()) return open(why);
   if (const auto why = not_seen(gate, run); !why.empty()) return open(why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
