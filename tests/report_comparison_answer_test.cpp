@@ -127,6 +127,38 @@ TEST(CompareAnswer, RowNamesBothTransports) {
   EXPECT_THAT(answer_of(compare_chosen(a, a)), ::testing::ContainsRegex("\nudp +0\\.17 %"));
 }
 
+TEST(CompareAnswer, RowIsNamedByIdAndTransportAndMoreOnlyToTellItApart) {
+  std::vector<Summary> runs;
+  for (const auto* id : {"idle", "loaded"})
+    for (const bool realtime : {false, true})
+      for (const auto* transport : {"udp", "cyclonedds"}) {
+        runs.push_back(
+            with_misses(id, std::string(id) + transport + (realtime ? "on" : "off"), 100, transport));
+        amend(runs.back().run.asked, {{"realtime", realtime}});
+        if (id == std::string("idle")) amend(runs.back().run.asked, {{"load", nullptr}});
+      }
+  auto text = answer_of(compare_by(runs, "realtime", "false", "true"));
+  EXPECT_THAT(text,
+              AllOf(HasSubstr("\nidle udp "), HasSubstr("\nloaded cyclonedds "), Not(HasSubstr("hdd"))));
+  EXPECT_THAT(text, Not(HasSubstr("Also different"))) << "the key alone differs";
+  text = answer_of(compare_by(runs, "transport", "udp", "cyclonedds"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("\nidle [^\n]*real-time settings *\n? .*\nloaded"));
+  EXPECT_THAT(text, Not(HasSubstr("transport: udp")));
+  std::erase_if(runs, [](const Summary& one) { return one.run.asked.task.realtime.on; });
+  text = answer_of(compare_by(runs, "transport", "udp", "cyclonedds"));
+  EXPECT_THAT(text, AllOf(HasSubstr("\nidle    "), HasSubstr("\nloaded  "), Not(HasSubstr("udp →"))));
+}
+
+TEST(CompareAnswer, LongNamesUseTheLineAndStayApart) {
+  std::vector<Summary> runs;
+  for (const auto* last : {"first", "second"})
+    runs.push_back(with_misses("a-rather-long-name-of-a-condition-" + std::string(last), last, 100));
+  const auto text = render_answer(compare(runs, runs), {}, Format::table, "", 120);
+  EXPECT_THAT(text, AllOf(HasSubstr("a-rather-long-name-of-a-condition-first udp"),
+                          HasSubstr("condition-second udp")));
+  EXPECT_THAT(answer_of(compare(runs, runs)), AllOf(HasSubstr("first udp"), HasSubstr("second udp")));
+}
+
 TEST(CompareAnswer, CautionNamesItsSideAndThatOfBComesFirst) {
   std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 100)};
   a[0].run.outcome.conditions["controller"].clock_moved_s = 1;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <functional>
-#include <map>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -65,27 +64,6 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   if (places.size() > most) places.resize(most);
   std::ranges::sort(places);
   return places;
-}
-
-// Of names that would be cut to the same, what they have in common before they differ is cut first.
-void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most) {
-  std::map<std::string, std::vector<std::string*>> by_short;
-  for (auto& row : rows) by_short[shortened(row[column], most)].push_back(&row[column]);
-  for (const auto& [cut, names] : by_short) {
-    auto common = names.front()->size();
-    for (const auto* name : names)
-      common =
-          std::min<std::size_t>(common, std::ranges::mismatch(*name, *names.front()).in1 - name->begin());
-    auto from = common;
-    for (int word = 0; word < 2 && from > 0 && from != std::string::npos; ++word)
-      from = names.front()->rfind(' ', from - 1);
-    const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
-    for (auto* name : names)
-      *name = shortened(differ && from != std::string::npos
-                            ? shortened(name->substr(0, from), most / 3) + name->substr(from)
-                            : *name,
-                        most);
-  }
 }
 
 Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& places, std::size_t width) {

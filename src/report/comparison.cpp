@@ -172,7 +172,7 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
             fmt::format("left out except for late and lost: {}: no message was answered", name));
     }
   for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
-  if (const auto text = list_of(differences(pair)); !text.empty())
+  if (const auto text = list_of(other_differences(comparison, pair)); !text.empty())
     table.notes.push_back("also different (A → B): " + text);
   for (const auto* runs : {&pair.from, &pair.to})
     if (const auto text = older_note(*runs); !text.empty())

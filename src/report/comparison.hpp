@@ -23,6 +23,7 @@ struct Comparison {
     Runs from, to;
   };
   std::string from_name = "A", to_name = "B";  // for people: "Test1.B", "before.ontime", "threaded-napi off"
+  std::string key;                             // that the sides differ in, of --by; else empty
   bool one_file = false;                       // the numbers of runs tell the sides apart
   std::vector<Pair> pairs;
   std::vector<Runs> only_from, only_to;  // those without a partner
@@ -68,6 +69,8 @@ struct Difference {
   std::string what, from, to;
 };
 std::vector<Difference> differences(const Comparison::Pair&);
+// Without the comparison's key, and what follows from it.
+std::vector<Difference> other_differences(const Comparison&, const Comparison::Pair&);
 
 // The keys of a scenario that are not the same in two runs: "deadline: 10 ms → 5 ms".
 std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);

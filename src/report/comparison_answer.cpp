@@ -62,19 +62,38 @@ Changed changed_of(const Comparison& comparison, MetricOf metric_of) {
   return changed;
 }
 
+// By id and transport, without what the sides' names say. More only where that is the same.
 std::vector<std::string> names_of_pairs(const Comparison& comparison) {
-  Group after;
-  for (const auto& pair : comparison.pairs) after.push_back(pair.to.front());
-  auto names = labels_without_repetition(after);
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    const auto &from = comparison.pairs[i].from.front()->run.asked, &to = after[i]->run.asked;
-    if (!to.is_listened() && from.task.transport != to.task.transport)
-      names[i] = word(from.task.transport) + " → " + names[i];
-  }
+  const auto& pairs = comparison.pairs;
+  const auto asked_of = [&](std::size_t place) -> const record::Asked& {
+    return pairs[place].to.front()->run.asked;
+  };
   const bool several_ids = std::ranges::any_of(
-      after, [&](const auto* run) { return run->run.asked.id != after.front()->run.asked.id; });
-  for (std::size_t i = 0; several_ids && i < names.size(); ++i)
-    names[i] = id_of(after[i]->run.asked) + " " + names[i];
+      pairs, [&](const Pair& pair) { return pair.to.front()->run.asked.id != asked_of(0).id; });
+  std::vector<std::string> names;
+  std::vector<std::pair<std::string, std::vector<std::size_t>>> alike;
+  for (std::size_t i = 0; i < pairs.size(); ++i) {
+    const auto &from = pairs[i].from.front()->run.asked, &to = asked_of(i);
+    std::vector<std::string> parts;
+    if (several_ids) parts.push_back(id_of(to));
+    if (!to.is_listened() && !(several_ids && comparison.key == "transport")) {
+      const auto before = word(from.task.transport), after = word(to.task.transport);
+      parts.push_back(before == after ? after : before + " → " + after);
+    }
+    entry_of(alike, names.emplace_back(join(parts, " "))).push_back(i);
+  }
+  for (const auto& [name, places] : alike) {
+    if (places.size() == 1 && !name.empty()) continue;
+    Group group;
+    for (const auto place : places) group.push_back(pairs[place].to.front());
+    const auto labels = labels_without_repetition(group);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const auto& asked = asked_of(places[i]);
+      auto more = labels[i];  // begins with the transport
+      if (!asked.is_listened()) more.erase(0, std::min(more.size(), word(asked.task.transport).size() + 1));
+      names[places[i]] += (name.empty() || more.empty() ? "" : " ") + more;
+    }
+  }
   return names;
 }
 
@@ -123,7 +142,8 @@ std::vector<std::size_t> shown_of(const Comparison& comparison) {
   return changed;
 }
 
-Table table_of(const Comparison& comparison, const std::vector<std::string>& names, const Missed* missed) {
+Table table_of(const Comparison& comparison, const std::vector<std::string>& names, const Missed* missed,
+               std::size_t width) {
   using enum Column::Align;
   Table table{.columns = {{"", left},
                           {missed != nullptr ? missed->heading : "not in time"},
@@ -137,10 +157,18 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
     const auto& pair = comparison.pairs[i];
     const auto* const way = missed_of(pair);
     table.rows.push_back(
-        {shortened(names[i], 24),
+        {names[i],
          way != nullptr ? change_text(change_of(pair, way->times, way->figure), share_text) : nothing,
          time_text(pair, Figure::p50), time_text(pair, Figure::p99), time_text(pair, Figure::max)});
   }
+  constexpr std::size_t gap = 2, least = 24;  // a name that the line has no space for stands on its own line
+  std::size_t numbers = 0;
+  for (std::size_t i = 1; i < table.columns.size(); ++i) {
+    auto widest = width_of(table.columns[i].name);
+    for (const auto& row : table.rows) widest = std::max(widest, width_of(row[i]));
+    numbers += gap + widest;
+  }
+  shorten_names(table.rows, 0, width > numbers + least ? width - numbers : least);
   return table;
 }
 
@@ -148,7 +176,7 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
 std::string differences_text(const Comparison& comparison) {
   std::vector<std::pair<std::string, std::vector<Difference>>> kinds;
   for (const auto& pair : comparison.pairs)
-    for (auto& difference : differences(pair)) {
+    for (auto& difference : other_differences(comparison, pair)) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
       const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
@@ -258,8 +286,8 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
                             comparison.to_name, all_listened(first) ? "times" : "round trips", range(from),
                             range(to), any_mean ? "; each value is their mean, max the greatest" : "")),
       width);
-  auto table =
-      table::as_text({.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()))}}, width);
+  auto table = table::as_text(
+      {.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()), width)}}, width);
   table.pop_back();  // the empty line after it
   text += table;
   if (names.size() > most_pairs)

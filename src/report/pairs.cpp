@@ -170,6 +170,27 @@ bool can_compare(const Summaries& all, const statistics::Summary& from, const st
   });
 }
 
+std::vector<Difference> other_differences(const Comparison& comparison, const Pair& pair) {
+  auto all = differences(pair);
+  if (comparison.key.empty()) return all;
+  const auto is_requested = [](const statistics::Summary& summary, const std::vector<std::string>& path) {
+    const auto asked = record::conditions_of(summary.run.asked.document);
+    const auto* at = &asked;
+    for (const auto& name : path) {
+      if (!at->is_object() || !at->contains(name)) return false;
+      at = &at->at(name);
+    }
+    return true;
+  };
+  // All else that was requested is the same, or follows from the key.
+  std::erase_if(all, [&](const Difference& difference) {
+    const auto path = split(difference.what, ' ');
+    return is_requested(*pair.from.front(), path) || is_requested(*pair.to.front(), path) ||
+           (path.size() > 1 && path[1] == "transport" && comparison.key == path[1]);
+  });
+  return all;
+}
+
 std::vector<std::string> values_of(const Summaries& runs, const std::string& key) {
   std::vector<std::string> values;
   for (const auto& run : runs) add_once(values, split_by(key, run).first);
@@ -186,7 +207,9 @@ Comparison compare_by(const Summaries& runs, const std::string& key, const std::
     if (value == to) b.push_back(run);
     others[run] = std::move(other);
   }
-  return pairs_of(a, b, [&](const auto& summary) { return others.at(&summary); });
+  auto comparison = pairs_of(a, b, [&](const auto& summary) { return others.at(&summary); });
+  comparison.key = conditions::current_key(key);
+  return comparison;
 }
 
 }  // namespace ontime::report

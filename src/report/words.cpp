@@ -2,6 +2,7 @@
 #include "report/words.hpp"
 
 #include <cmath>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -50,6 +51,26 @@ std::string cell_at(const nlohmann::ordered_json& object, const std::vector<std:
     value = &value->at(key);
   }
   return cell_of(*value);
+}
+
+void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most) {
+  std::map<std::string, std::vector<std::string*>> by_short;
+  for (auto& row : rows) by_short[shortened(row[column], most)].push_back(&row[column]);
+  for (const auto& [cut, names] : by_short) {
+    auto common = names.front()->size();
+    for (const auto* name : names)
+      common =
+          std::min<std::size_t>(common, std::ranges::mismatch(*name, *names.front()).in1 - name->begin());
+    auto from = common;
+    for (int word = 0; word < 2 && from > 0 && from != std::string::npos; ++word)
+      from = names.front()->rfind(' ', from - 1);
+    const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
+    for (auto* name : names)
+      *name = shortened(differ && from != std::string::npos
+                            ? shortened(name->substr(0, from), most / 3) + name->substr(from)
+                            : *name,
+                        most);
+  }
 }
 
 void add_once(std::vector<std::string>& all, const std::string& text) {
