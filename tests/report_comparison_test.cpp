@@ -290,6 +290,12 @@ TEST(Compare, TwoShortRunsGetNoVerdict) {
   p99(a[0], 0.3, 3);
   p99(b[0], 0.6, 6);
   EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too few messages\n"));
+  const auto change = [&](statistics::Figure figure) {
+    return *statistics::change({&a[0]}, {&b[0]}, statistics::Times::round_trip, figure);
+  };
+  EXPECT_TRUE(tells_nothing(statistics::Figure::p99, change(statistics::Figure::p99)));
+  EXPECT_FALSE(tells_nothing(statistics::Figure::lost, change(statistics::Figure::lost)));
+  EXPECT_FALSE(tells_nothing(statistics::Figure::max, change(statistics::Figure::max)));
   b.push_back(b[0]);
   EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too few runs or messages\n"));
 }

@@ -76,15 +76,6 @@ std::string lies(const Row& row, const statistics::Change& change) {
   return ends(low, high, [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
 
-// Whether the interval is too wide to tell anything: it holds both half and twice the value, or, of a share
-// without a ratio, both 10 % of all messages less and 10 % more.
-bool tells_nothing(const Row& row, const statistics::Change& change) {
-  if (change.tendency != Tendency::unclear) return false;
-  const auto& [low, high] = change.lies();
-  if (!change.ratio && !row.is_share()) return !low && !high;
-  return (!low || *low < (change.ratio ? 0.5 : -0.1)) && (!high || *high > (change.ratio ? 2 : 0.1));
-}
-
 bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
 
 // A percentile that needs more messages than one of the runs has.
@@ -136,7 +127,7 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
     }
     // A far percentile, or few messages or runs, leave it unknown.
     const auto& [low, high] = change->lies();
-    const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
+    const bool too_few = tells_nothing(row.figure, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
@@ -312,6 +303,13 @@ std::string nearest(const Comparison& comparison) {
 }
 
 }  // namespace
+
+bool tells_nothing(Figure figure, const statistics::Change& change) {
+  if (figure == Figure::max || change.tendency != Tendency::unclear) return false;
+  const auto& [low, high] = change.lies();
+  if (!change.ratio && !statistics::metric_of(figure).is_share) return !low && !high;
+  return (!low || *low < (change.ratio ? 0.5 : -0.1)) && (!high || *high > (change.ratio ? 2 : 0.1));
+}
 
 Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
   Page page;

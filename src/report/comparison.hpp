@@ -49,6 +49,9 @@ std::vector<std::string> values_of(const std::vector<statistics::Summary>&, cons
 Comparison::Runs whole(const Comparison::Runs&);
 // For whole runs. Nothing: one side does not have the metric.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
+// Whether the interval is too wide to be shown to people: it holds both half and twice the value, or, of a
+// share without a ratio, both 10 % of all messages less and 10 % more. A maximum has none anyway.
+bool tells_nothing(statistics::Figure, const statistics::Change&);
 bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
 // The first one with other conditions than the first; nullptr: all have the same.
 const statistics::Summary* unlike(const Comparison::Runs&);
