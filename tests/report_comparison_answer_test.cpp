@@ -175,6 +175,19 @@ TEST(CompareAnswer, CautionNamesItsSideAndThatOfBComesFirst) {
   EXPECT_THAT(answer_of(comparison), Not(HasSubstr(") of ")));
 }
 
+TEST(CompareAnswer, CautionLosesNamesBeforeItsValue) {
+  std::vector<Summary> runs;
+  for (int i = 0; i < 4; ++i) {
+    const auto id = "a-name-of-many-characters-" + std::to_string(i);
+    runs.push_back(with_misses(id, id, 100));
+    runs.back().run.outcome.conditions["controller"].cpu_stolen = 0.0123;
+  }
+  runs.push_back(with_misses("calm", "calm", 100));
+  EXPECT_THAT(answer_of(compare(runs, runs)),
+              HasSubstr("Caution: 8 of 10 runs (a-name-of-many-characters-0 udp (run 1) of B, …): the\n"
+                        "  hypervisor took 1.2 % of the controller's CPU time (steal)\n"));
+}
+
 TEST(CompareAnswer, RepetitionsSayWhatIsShown) {
   const std::vector one{with_misses("x", "k1", 100)},
       two{with_misses("x", "k1", 100), with_misses("x", "k1", 100)};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -195,7 +196,20 @@ std::string differences_text(const Comparison& comparison) {
   return join(parts, "; ");
 }
 
-std::vector<std::string> cautions_of(const Comparison& comparison, const std::vector<std::string>& pairs) {
+// "4 of 8 runs (idle udp (run 1), …): text", in so much space: names are cut before the text.
+std::string caution_of(std::string names, const std::string& text, std::size_t room) {
+  constexpr std::string_view more = ", …)";
+  const auto left = room - std::min(room, width_of(text) + 2);
+  while (names.ends_with(more) && width_of(names) > left) {
+    const auto last = names.rfind(", ", names.size() - more.size() - 1);
+    names = last == names.npos ? names.substr(0, names.find(" (")) : names.substr(0, last).append(more);
+  }
+  return shortened(shortened(names, std::max(left, room / 4)) + ": " + text, room);
+}
+
+// Each in so many columns.
+std::vector<std::string> cautions_of(const Comparison& comparison, const std::vector<std::string>& pairs,
+                                     std::size_t room) {
   std::vector<std::string> cautions, names;
   Group runs;
   std::vector<std::size_t> single;
@@ -209,16 +223,17 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
         const auto& of = side == &Pair::from ? comparison.from_name : comparison.to_name;
         names.push_back(gate::name_of(*run) + (comparison.one_file ? "" : " of " + of));
         if (gate::lacks_samples(gate::flaw_of(*run)))
-          cautions.push_back(fmt::format("left out: {}: {}", names.back(), gate::unfit(*run)));
+          cautions.push_back(caution_of("left out: " + names.back(), gate::unfit(*run), room));
       }
   const auto remarks = shared_remarks(runs);
   const auto add = [&](Remark::Weight weight) {
     for (const auto& remark : remarks)
-      if (remark.weight == weight) cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+      if (remark.weight == weight)
+        cautions.push_back(caution_of(name_of_some(names, remark.runs), remark.text, room));
   };
   add(Remark::Weight::not_applied);
   if (!single.empty() && any_repeated(comparison))  // else the sentence says it
-    cautions.push_back(fmt::format("{}: {}", name_of_some(pairs, single), one_run));
+    cautions.push_back(caution_of(name_of_some(pairs, single), one_run, room));
   add(Remark::Weight::caution);
   return cautions;
 }
@@ -306,9 +321,9 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
       alone.push_back(fmt::format("{} of {}", gate::name_of(runs),
                                   side == &comparison.only_from ? comparison.from_name : comparison.to_name));
   add_list("Only on one side: ", join(alone, ", "));
-  const auto cautions = cautions_of(comparison, names);
+  const auto cautions = cautions_of(comparison, names, 2 * width - 24);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
-    text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);
+    text += wrapped("Caution: " + printable(cautions[i]), width);
   for (const auto& judgement : judgements)
     if (!judgement.says.empty()) text += wrapped(printable(gate::text_of(judgement)), width);
   return text + steps_text({{"All metrics", full_command}}, width);
