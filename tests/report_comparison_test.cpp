@@ -169,6 +169,26 @@ TEST(Compare, KeyPairsRunsThatAreOtherwiseEqual) {
   EXPECT_TRUE(comparison.only_from.empty() && comparison.only_to.empty());
 }
 
+TEST(Compare, ValueOfAKeyHasTheWordsOfScenarioAndOfRecord) {
+  for (const auto& [key, value, words] : {std::tuple("payload", "10000", "10000 B"),
+                                          {"payload", "10 kB", "10000 B"},
+                                          {"payload", "1 KiB", "1 KiB"},
+                                          {"payload", "1024", "1 KiB"},
+                                          {"period", "10000", "10 ms"},
+                                          {"period", "10ms", "10 ms"},
+                                          {"duration", "2.0", "2 s"},
+                                          {"link.loss", "0.01", "1 %"},
+                                          {"link.loss", "1 %", "1 %"},
+                                          {"realtime", "true", "on"},
+                                          {"realtime", "on", "on"},
+                                          {"transport", "udp", "udp"},
+                                          {"period", unset, unset},
+                                          {"period", "nonsense", "nonsense"},
+                                          {"kernel.threaded-napi", "on", "on"},
+                                          {"options.rmw", "x", "x"}})
+    EXPECT_EQ(words_of_value(key, value), words) << key << " " << value;
+}
+
 // A run for each of these runs, as an ontime records them.
 std::vector<Summary> recorded(const std::vector<conditions::Run>& asked) {
   std::vector<Summary> runs;

@@ -44,6 +44,8 @@ Comparison compare_by(const std::vector<statistics::Summary>&, const std::string
 // The runs' values of a key, in the order of the runs; `unset` for runs without one.
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
+// A value of a key in words, "10 ms", from a scenario's form, or from values_of(): "10000".
+std::string words_of_value(const std::string& key, const std::string& value);
 
 // The runs of one side without missing samples; the others are left out.
 Comparison::Runs whole(const Comparison::Runs&);

@@ -197,6 +197,21 @@ std::vector<std::string> values_of(const Summaries& runs, const std::string& key
   return values;
 }
 
+std::string words_of_value(const std::string& stated, const std::string& value) {
+  const auto* const field = conditions::key_named(conditions::current_key(stated));
+  if (field == nullptr || field->json.empty()) return value;
+  auto recorded = json::parse(value, nullptr, false);
+  if (!recorded.is_number() && !recorded.is_boolean()) try {
+      conditions::Run run;
+      field->set(run, value);
+      recorded = field->to_json(run);
+    } catch (const std::exception&) {  // `unset`, or the value of another version
+      return value;
+    }
+  const auto words = words_of(*field, recorded);
+  return words == nothing ? value : words;
+}
+
 Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
                       const std::string& to) {
   Runs a, b;
