@@ -237,7 +237,7 @@ void add_compare(Command& app) {
       ->type_name("KEY");
   command->add_flag(
       "--single-runs", arguments->single_runs,
-      "judge changes even with one run on a side; intervals then ignore differences between runs");
+      "with --fail-if: judge a change even if a side has one run; differences between runs are then ignored");
   add_report_format(*command, arguments->format, arguments->full);
   add_output(*command, arguments->output);
   add_file(*command, "--plot", arguments->plot, "also draw a figure: .svg, .pdf or .png");
