@@ -210,7 +210,8 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
               arguments.full
                   ? report::render(comparison, judgements, format, output_columns())
                   : report::render_answer(comparison, judgements, format, full_command, output_columns()));
-  return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b);
+  const bool shown = arguments.output.empty() && format != report::Format::csv;
+  return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b, shown);
 }
 
 }  // namespace

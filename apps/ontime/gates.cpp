@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
@@ -74,15 +75,18 @@ std::vector<Judgement> GateFlags::judge_wanted(const std::vector<gate::Gate>& ga
   return all;
 }
 
-int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
-  if (wanted() && judgements.empty())
+int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file, bool shown) const {
+  shown = shown && isatty(STDOUT_FILENO) != 0 && isatty(STDERR_FILENO) != 0;
+  if (wanted() && judgements.empty()) {
+    shown = false;
     judgements.push_back(
         {Judgement::Result::cannot_judge, file, "the file has a run", "the file has no run"});
+  }
   int code = 0;
   for (const auto& judgement : judgements) {
     const bool held = judgement.result == Judgement::Result::held;
     if (!held) code = 1;
-    if (!held || !judgement.is_sure) print_error(gate::text_of(judgement));
+    if (!shown && (!held || !judgement.is_sure)) print_error(gate::text_of(judgement));
   }
   if (!junit_.empty()) write_whole(junit_, report::junit(judgements));
   return code;

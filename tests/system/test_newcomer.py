@@ -168,6 +168,14 @@ class Newcomer(unittest.TestCase):
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
 
+    def test_a_terminal_gets_each_verdict_of_compare_once(self):
+        for name in ("a.ontime", "b.ontime"):
+            self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", name)
+        compare = "compare", "a.ontime", "b.ontime", "--fail-if", "max > 1 ns"
+        self.assertEqual(self.on_a_terminal(*compare).count(b"FAIL: max <= 1 ns"), 1)
+        self.assertEqual(self.on_a_terminal(*compare, "--format", "csv").count(b"FAIL: max <= 1 ns"), 1)
+        self.assertIn("FAIL: max <= 1 ns", self.ontime(*compare, code=1).stderr)
+
     def test_progress_says_what_it_waits_for_and_how_long_it_takes(self):
         shown = self.on_a_terminal("ping", "--transport", "udp", "--peer", "127.0.0.1:9", "--wait", "300 ms",
                                    LC_ALL="C.UTF-8").decode()
