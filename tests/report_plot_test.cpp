@@ -271,12 +271,14 @@ TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
   const Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
   const auto commands = gnuplot_of(compare_chosen(from, to), {});
   for (const auto* text :
-       {"A: before udp (1 run)", "B: after udp (1 run)", "p50", "p99", "Round trip, B / A"})
+       {"A: before udp (1 run)", "B: after udp (1 run)", "p50", "p90", "Round trip, B / A"})
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + text + "'"));
   const auto p50 = found_in(commands, "\\$change0_1 << END\n([0-9.]+) ");
   ASSERT_EQ(p50.size(), 1u);
   EXPECT_NEAR(std::stod(p50[0]), 850.0 / 450, 0.1);
   EXPECT_THAT(commands, HasSubstr("B is slower"));
+  EXPECT_THAT(commands,
+              AllOf(HasSubstr("'p99: 499 → 899 µs; too few runs or messages'"), Not(HasSubstr("'p99'"))));
   EXPECT_EQ(gnuplot_of(Comparison{}, {}), "") << "nothing to draw";
 }
 

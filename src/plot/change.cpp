@@ -60,8 +60,14 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
   for (const auto& text : sides_text(comparison, pair))
     for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
   for (const auto& [times, figure] : ratios)
-    if (const auto change = report::change_of(pair, times, figure); change && change->ratio)
-      panel.rows.push_back({statistics::name_of(times, figure), *change});
+    if (const auto change = report::change_of(pair, times, figure); change && change->ratio) {
+      const auto name = statistics::name_of(times, figure);
+      if (report::tells_nothing(figure, *change))
+        panel.notes.push_back(
+            fmt::format("{}: {}; too few runs or messages", name, times_text(change->from, change->to)));
+      else
+        panel.rows.push_back({name, *change});
+    }
   for (const auto& [times, figure] : shares)
     if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
@@ -69,7 +75,7 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
       const bool is_bounded =
           low && high &&
           !(change->ratio && (*low * farthest < *change->ratio || *high > *change->ratio * farthest));
-      const auto lies = !is_bounded ? ""
+      const auto lies = !is_bounded || report::tells_nothing(figure, *change) ? ""
                         : change->ratio
                             ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
                             : fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100);
