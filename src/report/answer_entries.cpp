@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/answer_entries.hpp"
+
+#include <algorithm>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "gate/gate.hpp"
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using gate::Flaw;
+using statistics::Figure;
+using statistics::Summary;
+using Row = Answer::Row;
+using State = Answer::State;
+
+// "load, RT". Only a scenario says that a machine was idle: `ontime ping` does not know what else runs.
+std::string in_words(const Summary& run) {
+  const auto [stress, tuned, is_listened] = regime_of(run);
+  const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
+  return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
+}
+
+// Cycles without an answer in time. Where samples are missing, at least what the client counted.
+std::uint64_t missed_of(const Summary& run) {
+  const auto seen = run.late_by_response.value_or(run.late + run.lost);
+  const auto& counted = run.run.outcome.counters;
+  return std::max({seen, run.late + run.lost, counted.late + counted.lost});
+}
+
+struct Wait {
+  double ns;
+  bool is_open;  // no answer ended it, or none whose time is known
+};
+Wait worst_wait_of(const Summary& run) {
+  const auto& client = run.run.asked.task.client;
+  const auto& counted = run.run.outcome.counters;
+  const auto ended_ns = static_cast<double>(std::max(run.response.max, run.round_trip.max));
+  auto open_ns = static_cast<double>(run.open_wait_ns);
+  // Where samples are missing, the client's counts tell at least how long the waits were.
+  if (std::max(run.lost, counted.lost) > 0)
+    open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
+  if (counted.late > run.late) open_ns = std::max(open_ns, static_cast<double>(client.deadline.count()));
+  return {std::max(ended_ns, open_ns), open_ns > 0 && open_ns >= ended_ns};
+}
+
+Row row_of(const Group& runs, const std::string& name) {
+  const auto& first = *runs.front();
+  Row row;
+  row.id = id_of(first.run.asked);
+  row.conditions = in_words(first);
+  row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
+  for (const auto* run : runs) {
+    row.runs.push_back(run->run.number);
+    row.state = std::max(row.state, state_of(*run));
+    row.missed_requirement = row.missed_requirement || has_note(*run, gate::missed_note);
+    row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
+    if (run->imported) continue;
+    row.cycles += sent_of(*run) + run->skipped_cycles;
+    row.missed += missed_of(*run);
+    const auto [wait_ns, is_open] = worst_wait_of(*run);
+    const auto before_ns = row.worst_wait_ns.value_or(0);
+    if (wait_ns > before_ns) row.worst_wait_ns = wait_ns;
+    if (wait_ns > 0 && wait_ns >= before_ns) row.is_open = is_open || (row.is_open && wait_ns == before_ns);
+  }
+  row.p50 = spread_of(runs, Figure::p50);
+  row.p99 = spread_of(runs, Figure::p99);
+  // A run without an answer hides no slow answer of another.
+  for (const auto* run : runs)
+    if (const auto& of = run->imported ? run->wake_up : run->round_trip; of.count > 0)
+      row.max_ns = std::max(row.max_ns.value_or(0), static_cast<double>(of[Figure::max]));
+  return row;
+}
+
+}  // namespace
+
+Regime regime_of(const Summary& run) {
+  const auto& asked = run.run.asked;
+  std::vector<std::string> stress, tuned;
+  if (asked.controller_load.any() || asked.component_load.any()) stress.emplace_back("load");
+  if (asked.traffic.any()) stress.emplace_back("traffic");
+  if (asked.task.background.topics > 0) stress.emplace_back("background topics");
+  if (asked.faults.any()) stress.emplace_back("link faults");
+  if (asked.task.realtime.on) tuned.emplace_back("RT");
+  if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
+  if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
+  return {join(stress, ", "), join(tuned, ", "), asked.is_listened()};
+}
+
+std::vector<Entry> entries_of(const Summaries& summaries) {
+  std::vector<Entry> entries;
+  for (const auto& all : by_id(summaries)) {
+    Group group;
+    std::ranges::copy_if(all, std::back_inserter(group),
+                         [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
+    for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
+  }
+  return entries;
+}
+
+std::string name_of(const Row& row, bool with_id) { return with_id ? row.id + " " + row.name : row.name; }
+
+std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
+  Group runs;
+  std::vector<std::size_t> row_of_run;
+  std::vector<std::string> names;
+  const bool several_ids = entries.front().row.id != entries.back().row.id;
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    names.push_back(name_of(entries[i].row, several_ids));
+    for (const auto* run : entries[i].runs)
+      if (!run->imported) {
+        runs.push_back(run);
+        row_of_run.push_back(i);
+      }
+  }
+  const auto remarks = shared_remarks(runs);
+  std::vector<std::string> cautions;
+  const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
+    std::ranges::sort(places);
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    cautions.push_back(places.size() == names.size() ? text : name_of_some(names, places) + ": " + text);
+  };
+  using enum Remark::Requirement;
+  const auto add = [&](Remark::Requirement requirement, Remark::Weight weight = Remark::Weight::caution) {
+    for (const auto& remark : remarks) {
+      if (remark.weight != weight || remark.requirement != requirement) continue;
+      std::vector<std::size_t> places;
+      for (const auto run : remark.runs) places.push_back(row_of_run[run]);
+      about(places, remark.text);
+    }
+  };
+  // Many say the same of several runs: these are one caution.
+  const auto tell_of = [&](Remark::Requirement requirement, std::size_t most, const char* what) {
+    std::vector<const SharedRemark*> told;
+    std::vector<std::size_t> places;
+    std::set<std::size_t> of_runs;
+    for (const auto& remark : remarks) {
+      if (remark.requirement != requirement) continue;
+      told.push_back(&remark);
+      of_runs.insert(remark.runs.begin(), remark.runs.end());
+    }
+    for (const auto run : of_runs) places.push_back(row_of_run[run]);
+    if (told.size() <= most) return add(requirement);
+    const auto& text = told.front()->text;  // "FAIL: p99 <= 1 ms: …"
+    about(places, fmt::format("{} in {}, such as {}{}", what, many(of_runs.size(), "run", "runs"),
+                              names.size() > 1 ? names[row_of_run[told.front()->runs.front()]] + ": " : "",
+                              text.substr(text.find(' ') + 1)));
+  };
+  tell_of(missed, 2, "missed requirements");  // the exit code tells of these
+  tell_of(open, 1, "open requirements");
+  add(none, Remark::Weight::not_applied);
+  std::vector<std::string> denied;
+  std::size_t denied_in = 0;
+  for (const auto* run : runs) {
+    const auto of_run = gate::denied(run->run.outcome);
+    denied_in += of_run.empty() ? 0 : 1;
+    for (const auto& asked : of_run) add_once(denied, word(asked));
+  }
+  if (denied_in > 0)
+    cautions.push_back(fmt::format(
+        "denied{}: {}", runs.size() > 1 ? fmt::format(" in {} of {} runs", denied_in, runs.size()) : "",
+        join(denied, ", ")));
+  add(none);
+  std::uint64_t fewest = UINT64_MAX;
+  for (const auto* run : runs)
+    if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
+  const auto* const where = runs.size() > 1 ? " in a run" : "";
+  const auto* const what = all_listened(runs) ? "messages" : "answers";
+  if (fewest < statistics::metric_of(Figure::p99).one_in)
+    cautions.push_back(fmt::format("too few {} ({}{}) for p99", what, grouped(fewest), where));
+  else if (fewest < 1000)
+    cautions.push_back(fmt::format("few {} ({}{}): p99 is a rough estimate", what, grouped(fewest), where));
+  else if (fewest < 30'000 && fewest != UINT64_MAX)  // 30 must be slower: statistics/course.cpp
+    cautions.push_back(fmt::format("{} {}{} are too few to bound {}", grouped(fewest), what, where,
+                                   fewest < 3'000 ? "p99" : "p99.9"));
+  return cautions;
+}
+
+State state_of(const Summary& run) {
+  const bool is_late = missed_of(run) > 0;
+  const bool can_be_late = statistics::knows_late(run.run) || statistics::knows_loss(run.run);
+  switch (gate::flaw_of(run)) {
+    case Flaw::imported:
+      return State::imported;
+    case Flaw::failed:
+      return State::failed;
+    case Flaw::cut_off:
+      return State::cut_off;
+    case Flaw::worst_only:  // its counts are of all messages
+    case Flaw::none:
+      return is_late ? State::late : can_be_late ? State::ok : State::no_limit;
+    default:
+      break;
+  }
+  // `ontime listen` requests nothing: its late and lost messages count even where samples are missing.
+  return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
+}
+
+bool has_note(const Summary& run, const char* kind) {
+  return std::ranges::find(run.notes, kind, &record::Note::kind) != run.notes.end();
+}
+
+std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
+  const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
+  std::vector<double> values;
+  bool is_least = false;
+  for (const auto* run : runs) {
+    const auto& of = run->imported ? run->wake_up : run->round_trip;
+    if (of.count >= one_in)
+      values.push_back(static_cast<double>(of[figure]));
+    else if (statistics::is_complete(run->run))
+      return std::nullopt;
+    is_least = is_least || statistics::is_lower_bound(*run, figure);
+  }
+  if (values.empty()) return std::nullopt;
+  const auto [low, high] = std::ranges::minmax_element(values);
+  return Answer::Spread{*low, statistics::estimate(values)->median, *high, is_least};
+}
+
+}  // namespace ontime::report

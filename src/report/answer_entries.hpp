@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// For answer_of(): the rows of the first screen with their runs, and what they must be read with.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "report/answer.hpp"
+#include "report/groups.hpp"
+
+namespace ontime::report {
+
+// Stress on the machines and the link, and the settings against it, one word each.
+struct Regime {
+  std::string stress, tuned;
+  bool is_listened = false;  // to a robot's own messages
+  bool operator==(const Regime&) const = default;
+};
+Regime regime_of(const statistics::Summary&);
+
+// Repetitions together, in the order of the first.
+struct Entry {
+  Group runs;
+  Answer::Row row;
+};
+std::vector<Entry> entries_of(const Summaries&);
+
+std::string name_of(const Answer::Row&, bool with_id);            // "Test1.B udp", or "udp"
+std::vector<std::string> cautions_of(const std::vector<Entry>&);  // the gravest first
+
+}  // namespace ontime::report
