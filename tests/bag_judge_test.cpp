@@ -387,6 +387,24 @@ TEST_F(Bags, MessageFromSomewhatFurtherBackMakesNoGapOfTheNext) {
   EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
 }
 
+TEST_F(Bags, SeveralMessagesFromSomewhatFurtherBackMakeNoGapOfTheNext) {
+  auto order = ascending();
+  std::rotate(order.begin() + 100, order.begin() + 102, order.begin() + 132);
+  const auto flow = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}}).flows.at(0);
+  EXPECT_EQ(flow.late, 1U) << "where they are missing";
+  EXPECT_EQ(flow.period.max_ns(), 30 * ms);
+  EXPECT_EQ(flow.reordered, 2U);
+}
+
+TEST_F(Bags, SwapAcrossAMessageFromFurtherBackIsASwap) {
+  auto order = ascending();
+  std::rotate(order.begin() + 100, order.begin() + 101, order.begin() + 132);
+  std::swap(order[130], order[132]);  // 131, 100, 130
+  const auto flow = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}}).flows.at(0);
+  EXPECT_EQ(flow.late, 1U);
+  EXPECT_EQ(flow.period.max_ns(), 20 * ms);
+}
+
 TEST_F(Bags, ClockThatWentBackALittleLeavesOnePeriodOut) {
   auto order = ascending();
   for (std::size_t i = 250; i < 500; ++i) order[i] -= 30;  // 300 ms

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The first screen's rows and next steps, where runs are of several kinds.
+#include "gate/gate.hpp"
+#include "report/words.hpp"
 #include "report_answers.hpp"
 
 namespace ontime::report {
@@ -85,6 +87,31 @@ TEST(Answer, AWaitOfAMessageWithoutASampleIsKnownAtLeast) {
   amend(one.run.outcome, "/lost", 0);
   EXPECT_EQ(answer_of({one}, kept).rows.at(0).worst_wait_ns, 10e6) << "its deadline";
   EXPECT_TRUE(answer_of({one}, kept).rows.at(0).is_open);
+}
+
+TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {
+  auto one = run(1, "/scan period", "", {});
+  amend(one.run.asked, {{"measures", "period"}, {"deadline_us", nullptr}});
+  amend(one.run.outcome, "/loss_unknown", true);
+  one.notes.push_back({gate::open_note, "open: --age: the age of /scan is unknown", {}, {}});
+  const auto answer = answer_of({one}, kept);
+  EXPECT_THAT(answer.sentence,
+              AllOf(HasSubstr("A requirement is open"), ::testing::Not(HasSubstr("No limit"))));
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("  open\n"));
+}
+
+TEST(Answer, LongWordsThatAreCutStayApart) {
+  std::vector<std::vector<std::string>> rows = {{"robot-front-left-camera-pipeline-cold udp"},
+                                                {"robot-front-left-camera-pipeline-warm udp"},
+                                                {"ロボットロボットロボットロボットa"},
+                                                {"ロボットロボットロボットロボットb"}};
+  shorten_names(rows, 0, 24);
+  for (const auto& row : rows) {
+    EXPECT_LE(width_of(row[0]), 24U) << row[0];
+    EXPECT_EQ(table::printable(row[0]), row[0]) << "no letter is cut";
+  }
+  EXPECT_NE(rows[0], rows[1]);
+  EXPECT_NE(rows[2], rows[3]);
 }
 
 TEST(Answer, NamesThatAreCutStayApart) {

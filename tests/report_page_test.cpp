@@ -329,6 +329,22 @@ TEST(Verdict, NamesRequirementsThatWereMissedOrAreOpen) {
   EXPECT_THAT(verdict_of(runs).further, HasSubstr("1 run missed a requirement"));
 }
 
+TEST(Verdict, IsNoYesWithoutALimit) {
+  auto run = judged(5000, 0, 0);
+  amend(run.run.asked, {{"measures", "age"}, {"deadline_us", nullptr}});
+  auto verdict = verdict_of({run});
+  EXPECT_EQ(verdict.word, Verdict::Word::partly);
+  EXPECT_EQ(verdict.sentence, "None of 5,000 messages was lost.");
+  EXPECT_THAT(verdict.further, HasSubstr("1 run had no limit"));
+  amend(run.run.outcome, "/loss_unknown", true);
+  run.notes.push_back({gate::open_note, "open: --age", {}, {}});
+  verdict = verdict_of({run});
+  EXPECT_EQ(verdict.word, Verdict::Word::nothing);
+  EXPECT_THAT(verdict.sentence, HasSubstr("Nothing tells"));
+  EXPECT_THAT(verdict.further, HasSubstr("requirement of 1 run is open"));
+  EXPECT_EQ(verdict_of({run, judged(100, 0, 0)}).word, Verdict::Word::partly);
+}
+
 TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
   auto stalled = judged(100, 0, 0);
   stalled.late_by_response = 300;  // cycles that passed without a message

@@ -204,7 +204,9 @@ void ListenResults::note(const listen::Miss& miss) {
   auto& kept = kept_[{miss.flow, quantity}];
   if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
   if (!keeps_worst_) {
-    if (cause && kept.notes.size() < most_notes) kept.notes.push_back(*cause);
+    // Causes that were not seen leave space for those that were.
+    if (cause && kept.notes.size() < (miss.why->is_seen ? most_notes : most_notes / 2))
+      kept.notes.push_back(*cause);
     return;
   }
   const auto row = std::find_if(kept.latest.rbegin(), kept.latest.rend(), [&](const auto& sample) {

@@ -9,7 +9,7 @@
 namespace ontime::bag {
 namespace {
 
-// Per call: no more misses than may wait to be taken.
+// Per call: no more misses than may wait to be taken, but for those that the end of a file brings.
 constexpr std::size_t most_messages = listen::most_misses / 2;
 
 class Bag final : public listen::Sensor {
@@ -25,10 +25,12 @@ class Bag final : public listen::Sensor {
         if (next_ == files_.paths.size()) return false;
         reader_ = reader_of(files_.paths[next_]);
       }
-      if (const auto message = reader_->next())
-        judge_.add(*message);
-      else
+      const auto message = reader_->next();
+      if (!message) {
         end_file();
+        break;
+      }
+      judge_.add(*message);
     }
     return true;
   }

@@ -120,6 +120,7 @@ void Judge::end_doubt() {
       stream.judged_ns -= doubt_->by_ns;
       for (auto& one : stream.waiting) one.at_ns -= doubt_->by_ns;
       if (stream.behind_ns) *stream.behind_ns -= doubt_->by_ns;
+      if (stream.left_ns) *stream.left_ns -= doubt_->by_ns;
       stream.times_set = times_set_;
     }
   until_ns_ = latest_of_others(nullptr).value_or(until_ns_);
@@ -220,6 +221,7 @@ void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   if (is_first || stream.times_set != times_set_) {
     judge_waiting(stream, 0);
     stream.behind_ns.reset();
+    stream.left_ns.reset();
     if (!is_first) was_set_.add(message.topic->name);
     stream.judged_ns = at_ns;
     stream.late += was_old ? 1 : 0;
@@ -228,9 +230,18 @@ void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   auto& waiting = stream.waiting;
   // Numbers and times of writing tell the order better.
   const bool shows_order = !stream.sequence.has_begun() && stream.latest_written_ns == 0;
+  if (stream.left_ns && ++stream.since_left > longest_swap) stream.left_ns.reset();
+  if (stream.left_ns && at_ns >= *stream.left_ns) {  // it did not: these were several from further back
+    if (shows_order) stream.reordered += stream.since_left;
+    judge_waiting(stream, 0);
+    stream.judged_ns = *std::exchange(stream.left_ns, std::nullopt);
+  }
   if (const auto behind_ns = std::exchange(stream.behind_ns, std::nullopt)) {
-    if (at_ns < (waiting.empty() ? stream.judged_ns : waiting.back().at_ns)) {
+    const auto latest_ns = waiting.empty() ? stream.judged_ns : waiting.back().at_ns;
+    if (at_ns < latest_ns && at_ns - *behind_ns <= latest_ns - at_ns) {  // it goes on from there
       judge_waiting(stream, 0);
+      stream.left_ns = stream.judged_ns;
+      stream.since_left = 1;
       stream.judged_ns = *behind_ns;
     } else if (shows_order) {
       ++stream.reordered;

@@ -50,6 +50,8 @@ class Judge {
     std::vector<Waiting> waiting;            // by time, after judged_ns
     std::int64_t judged_ns = 0;              // until then its periods are judged
     std::optional<std::int64_t> behind_ns;   // of its last message, if that was before judged_ns
+    std::optional<std::int64_t> left_ns;     // its time before the clock went back a little, if it did
+    std::uint64_t since_left = 0;            // messages, from the first that was before left_ns on
     std::uint64_t times_set = 0;             // until its last message
     std::uint64_t since_back = 0;            // messages since its times went back
     std::int64_t latest_written_ns = 0;      // by stamp or publish time

@@ -148,7 +148,8 @@ Counts counts_of(const Group& group) {
     all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
-    not_in_time += run->late_by_response.value_or(run->late + run->lost);
+    not_in_time += std::max(run->late_by_response.value_or(0),
+                            std::max(run->late, counted.late) + std::max(run->lost, counted.lost));
     by_response |= report::differs_by_response(*run);
   }
   if (by_response) all.not_in_time = not_in_time;

@@ -280,9 +280,11 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const bool imported = entries.front().row.state == State::imported;
     const bool lacks_limit =
         std::ranges::any_of(answer.rows, [](const Row& row) { return row.state == State::no_limit; });
+    const bool has_open = std::ranges::any_of(answer.rows, &Row::open_requirement);
     std::uint64_t cycles = 0;
     for (const auto& row : answer.rows) cycles += row.cycles;
-    answer.sentence = lacks_limit  ? std::string(no_limit_words) + " Lost messages are unknown."
+    answer.sentence = lacks_limit && has_open ? "Nothing tells which messages were late or lost."
+                      : lacks_limit           ? std::string(no_limit_words) + " Lost messages are unknown."
                       : cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
                       : imported   ? "Imported: wake-up latencies of another tool, no messages."
                                    : "Nothing was measured. No message was sent.";
@@ -294,8 +296,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     });
     answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
     if (late_listened > 0)
-      answer.sentence += fmt::format(" {} of listened messages {} late.", many(late_listened, "row", "rows"),
-                                     late_listened == 1 ? "is" : "are");
+      answer.sentence += fmt::format(" {} of listened messages {} late or lost ones.",
+                                     many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
     if (!held) answer.sentence += " But no run was measured as requested.";
     if (left_out > 0)
       answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,

@@ -40,9 +40,9 @@ std::string wait_of(const Row& row) {
 
 // A missed requirement says more than a late message, which may be within its limit.
 const char* word_of(const Row& row) {
-  if (row.state != State::ok && row.state != State::late) return report::word_of(row.state);
-  if (row.missed_requirement) return "FAIL";
-  return row.open_requirement && row.state == State::ok ? "open" : report::word_of(row.state);
+  const bool is_judged = row.state >= State::no_limit && row.state <= State::late;
+  if (is_judged && row.missed_requirement) return "FAIL";
+  return is_judged && row.open_requirement && row.state != State::late ? "open" : report::word_of(row.state);
 }
 
 // The places of so many rows that are worst, in the order of the rows.

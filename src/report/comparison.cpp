@@ -263,7 +263,9 @@ ordered_json figures_of(const Pair& pair) {
     statistics::Change change;
     change.from = static_cast<double>(from.wake_up[figure]);
     change.to = static_cast<double>(to.wake_up[figure]);
-    if (change.from > 0) change.ratio = change.to / change.from;
+    const auto [fewer, more] = std::minmax(from.wake_up.count, to.wake_up.count);
+    change.is_of_unequal_numbers = figure == Figure::max && more > fewer + fewer / 10;
+    if (change.from > 0 && !change.is_of_unequal_numbers) change.ratio = change.to / change.from;
     figures.push_back(json_of({Times::round_trip, figure}, change));
     figures.back()["figure"] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
   };

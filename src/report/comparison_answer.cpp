@@ -202,7 +202,10 @@ std::string caution_of(std::string names, const std::string& text, std::size_t r
   const auto left = room - std::min(room, width_of(text) + 2);
   while (names.ends_with(more) && width_of(names) > left) {
     const auto last = names.rfind(", ", names.size() - more.size() - 1);
-    names = last == names.npos ? names.substr(0, names.find(" (")) : names.substr(0, last).append(more);
+    auto shorter =
+        last == names.npos ? names.substr(0, names.find(" (")) : names.substr(0, last).append(more);
+    if (shorter.size() >= names.size()) break;  // a name in the file may end so
+    names = std::move(shorter);
   }
   return shortened(shortened(names, std::max(left, room / 4)) + ": " + text, room);
 }

@@ -173,8 +173,9 @@ bool can_compare(const Summaries& all, const statistics::Summary& from, const st
 std::vector<Difference> other_differences(const Comparison& comparison, const Pair& pair) {
   auto all = differences(pair);
   if (comparison.key.empty()) return all;
-  const auto is_requested = [](const statistics::Summary& summary, const std::vector<std::string>& path) {
-    const auto asked = record::conditions_of(summary.run.asked.document);
+  const auto from = record::conditions_of(pair.from.front()->run.asked.document),
+             to = record::conditions_of(pair.to.front()->run.asked.document);
+  const auto is_requested = [](const json& asked, const std::vector<std::string>& path) {
     const auto* at = &asked;
     for (const auto& name : path) {
       if (!at->is_object() || !at->contains(name)) return false;
@@ -185,7 +186,7 @@ std::vector<Difference> other_differences(const Comparison& comparison, const Pa
   // All else that was requested is the same, or follows from the key.
   std::erase_if(all, [&](const Difference& difference) {
     const auto path = split(difference.what, ' ');
-    return is_requested(*pair.from.front(), path) || is_requested(*pair.to.front(), path) ||
+    return is_requested(from, path) || is_requested(to, path) ||
            (path.size() > 1 && path[1] == "transport" && comparison.key == path[1]);
   });
   return all;

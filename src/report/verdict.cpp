@@ -37,24 +37,31 @@ std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? 
 std::uint64_t sent_of(const Summary& summary) { return fates_of(summary).sent; }
 
 Verdict verdict_of(const Summaries& summaries) {
+  if (summaries.empty()) return {Verdict::Word::nothing, "Nothing was measured.", ""};
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
-  std::size_t measured = 0, fine = 0, unfinished = 0, without_limit = 0;
-  std::size_t with_missed = 0, with_open = 0;  // runs with such a requirement
-  std::map<std::string, std::size_t> flaws;    // of runs that were measured to their end
+  std::size_t measured = 0, fine = 0, unfinished = 0;
+  std::size_t with_limit = 0, without_limit = 0;  // runs; only of a robot's own messages there may be none
+  std::size_t with_missed = 0, with_open = 0;     // runs with such a requirement
+  std::map<std::string, std::size_t> flaws;       // of runs that were measured to their end
   const Summary* slowest = nullptr;
   for (const auto* run : last_of(summaries)) {
     const auto& summary = *run;
-    const auto fates = fates_of(summary);
-    if (!statistics::knows_late(summary.run) && !statistics::knows_loss(summary.run)) {
-      ++without_limit;
-      continue;
+    const bool knows_late = statistics::knows_late(summary.run),
+               knows_loss = statistics::knows_loss(summary.run);
+    without_limit += knows_late ? 0 : 1;
+    with_limit += knows_late ? 1 : 0;
+    if (knows_late || knows_loss) {
+      const auto fates = fates_of(summary);
+      sent += fates.sent;
+      late += fates.late;
+      lost += fates.lost;
+      late_cycles += summary.late_by_response.value_or(0);
+      measured += fates.sent > 0 ? 1 : 0;
+      fine += all_on_time(summary) ? 1 : 0;
+      if (summary.round_trip.count > 0 &&
+          (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
+        slowest = &summary;
     }
-    sent += fates.sent;
-    late += fates.late;
-    lost += fates.lost;
-    late_cycles += summary.late_by_response.value_or(0);
-    measured += fates.sent > 0 ? 1 : 0;
-    fine += all_on_time(summary) ? 1 : 0;
     with_missed += has_note(summary, gate::missed_note) ? 1 : 0;
     with_open += has_note(summary, gate::open_note) ? 1 : 0;
     using gate::Flaw;
@@ -63,25 +70,25 @@ Verdict verdict_of(const Summaries& summaries) {
       ++unfinished;
     else if (flaw >= Flaw::unrecorded && flaw < Flaw::none)
       ++flaws[gate::unfit(summary)];
-    if (summary.round_trip.count > 0 &&
-        (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
-      slowest = &summary;
   }
-  const auto no_limit =
-      fmt::format("{} had no limit, so no message counts as late.", many(without_limit, "run", "runs"));
-  if (sent == 0) return {Verdict::Word::nothing, without_limit > 0 ? no_limit : "Nothing was measured.", ""};
 
   Verdict verdict;
   const auto deadline = limit_of(summaries, "deadline", &roundtrip::ClientOptions::deadline);
   const auto of_sent = [&](std::uint64_t part) {
     return fmt::format("{} of {}", grouped(part), grouped(sent));
   };
-  if (fine == measured) {
-    verdict.word = with_missed > 0                                      ? Verdict::Word::no
-                   : unfinished == 0 && flaws.empty() && with_open == 0 ? Verdict::Word::yes
-                                                                        : Verdict::Word::partly;
-    verdict.sentence = fmt::format("All {} messages came {}within the {}.", grouped(sent),
-                                   all_listened(all_of(summaries)) ? "" : "back ", deadline);
+  const bool listened = all_listened(all_of(summaries));
+  if (sent == 0) {
+    verdict.sentence =
+        without_limit == 0 ? "Nothing was measured." : "Nothing tells which messages were late or lost.";
+  } else if (fine == measured) {
+    verdict.word = with_missed > 0 ? Verdict::Word::no
+                   : unfinished == 0 && flaws.empty() && with_open == 0 && with_limit > 0
+                       ? Verdict::Word::yes
+                       : Verdict::Word::partly;
+    verdict.sentence = with_limit > 0 ? fmt::format("All {} messages came {}within the {}.", grouped(sent),
+                                                    listened ? "" : "back ", deadline)
+                                      : fmt::format("None of {} messages was lost.", grouped(sent));
   } else {
     verdict.word = Verdict::Word::no;
     std::vector<std::string> parts;
@@ -101,8 +108,8 @@ Verdict verdict_of(const Summaries& summaries) {
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("{} of {} had cycles without an answer in time.", measured - fine,
-                                  many(measured, "run", "runs")));
+    further.push_back(fmt::format("{} of {} had {}.", measured - fine, many(measured, "run", "runs"),
+                                  listened ? "late or lost messages" : "cycles without an answer in time"));
   if (slowest != nullptr)
     further.push_back(fmt::format(
         "Maximum: {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
@@ -110,9 +117,9 @@ Verdict verdict_of(const Summaries& summaries) {
             ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(slowest->run.asked.task.transport))
             : ""));
   // Only for one run: several runs have different conditions.
-  if (const auto& missed = summaries.front().missed_probability; summaries.size() == 1 &&
-                                                                 verdict.word == Verdict::Word::yes &&
-                                                                 missed.events == 0 && missed.messages > 0)
+  const auto missed =
+      summaries.size() == 1 ? summaries.front().missed_probability : statistics::Probability{};
+  if (verdict.word == Verdict::Word::yes && missed.events == 0 && missed.messages > 0)
     further.push_back(
         fmt::format("If conditions stay the same, fewer than {} messages miss it (95 % confidence).",
                     missed.bound > 0.01 ? fmt::format("{:.2g} % of the", rounded_up(missed.bound * 100))
@@ -121,7 +128,9 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(fmt::format("{} missed a requirement.", many(with_missed, "run", "runs")));
   if (with_open > 0)
     further.push_back(fmt::format("A requirement of {} is open.", many(with_open, "run", "runs")));
-  if (without_limit > 0) further.push_back(no_limit);
+  if (without_limit > 0)
+    further.push_back(
+        fmt::format("{} had no limit, so no message counts as late.", many(without_limit, "run", "runs")));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)

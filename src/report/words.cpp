@@ -64,12 +64,16 @@ void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t colu
     auto from = common;
     for (int word = 0; word < 2 && from > 0 && from != std::string::npos; ++word)
       from = names.front()->rfind(' ', from - 1);
+    if (from == std::string::npos || common - from > most / 3) {  // words too long for that
+      from = common - std::min(common, most / 3);
+      while (from > 0 && from < names.front()->size() &&
+             (static_cast<unsigned char>((*names.front())[from]) & 0xc0U) == 0x80U)
+        --from;
+    }
     const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
     for (auto* name : names)
-      *name = shortened(differ && from != std::string::npos
-                            ? shortened(name->substr(0, from), most / 3) + name->substr(from)
-                            : *name,
-                        most);
+      *name = shortened(
+          differ && from > 0 ? shortened(name->substr(0, from), most / 3) + name->substr(from) : *name, most);
   }
 }
 

@@ -163,7 +163,8 @@ void Follower::look_once() {
   }
   const bool has_ended = !is_written || progress_.run.outcome.has_ended();
   if (has_ended) add_end(newest, progress_.run, start_ns_);
-  progress_.unrecorded = add_unrecorded(newest, progress_.run.outcome.counters);
+  const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
+  progress_.unrecorded = progress_.run.asked.keeps_worst() ? 0 : missing;  // it was to keep no others
   static_cast<Counted&>(progress_) = newest;
   progress_.lost_for_good = has_ended ? newest.lost : settled_.lost;
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);

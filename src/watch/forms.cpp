@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "statistics/statistics.hpp"
 #include "table/table.hpp"
 #include "watch/exposition.hpp"
 #include "watch/watch.hpp"
@@ -120,8 +121,13 @@ nlohmann::ordered_json or_null(bool is_known, Value value) {
 std::string text_of(const Progress& progress) {
   auto text = head_of(progress);
   if (progress.sent == 0 && progress.skipped_cycles == 0) return text;
+  const auto known = [](bool is_known, std::uint64_t count) {
+    return is_known ? fmt::format("{}", count) : "unknown";
+  };
+  const bool late = statistics::knows_late(progress.run), lost = statistics::knows_loss(progress.run);
   text += fmt::format("sent {}  on time {}  late {}  lost {}  skipped cycles {}\n", progress.sent,
-                      progress.on_time, progress.late, progress.lost, progress.skipped_cycles);
+                      known(late && lost, progress.on_time), known(late, progress.late),
+                      known(lost, progress.lost), progress.skipped_cycles);
   if (progress.unrecorded > 0)
     text += fmt::format("samples not recorded (missing below): {}\n", progress.unrecorded);
   const auto& times = progress.round_trip;
@@ -156,9 +162,10 @@ std::string json_of(const Progress& progress) {
   const auto left = left_s(progress);
   object["left_s"] = or_null(left.has_value(), left.value_or(0));
   object["sent"] = progress.sent;
-  object["on_time"] = progress.on_time;
-  object["late"] = progress.late;
-  object["lost"] = progress.lost;
+  const bool late = statistics::knows_late(progress.run), lost = statistics::knows_loss(progress.run);
+  object["on_time"] = or_null(late && lost, progress.on_time);
+  object["late"] = or_null(late, progress.late);
+  object["lost"] = or_null(lost, progress.lost);
   object["skipped_cycles"] = progress.skipped_cycles;
   object["dropped_records"] = progress.unrecorded;
   object["round_trip_us"] = nullptr;

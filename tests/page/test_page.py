@@ -578,7 +578,7 @@ class File(unittest.TestCase):
         before = self.results.read_bytes()
         self.assert_refused(2, "is a results file", "--format", "html", "--output", self.results)
         self.assertEqual(self.results.read_bytes(), before)
-        self.assert_refused(3, "cannot be written", "--format", "html", "--output", self.folder / "none" / "r.html")
+        self.assert_refused(2, "cannot be written", "--format", "html", "--output", self.folder / "none" / "r.html")
 
     def test_plot_draws_each_figure_in_each_form(self):
         results_file.write(self.results, [
