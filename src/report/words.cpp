@@ -56,21 +56,22 @@ std::string cell_at(const nlohmann::ordered_json& object, const std::vector<std:
 void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most) {
   std::map<std::string, std::vector<std::string*>> by_short;
   for (auto& row : rows) by_short[shortened(row[column], most)].push_back(&row[column]);
-  for (const auto& [cut, names] : by_short) {
-    auto common = names.front()->size();
+  for (const auto& alike : by_short) {
+    const auto& names = alike.second;
+    const auto& first = *names.front();
+    auto common = first.size();
     for (const auto* name : names)
       common =
-          std::min<std::size_t>(common, std::ranges::mismatch(*name, *names.front()).in1 - name->begin());
+          std::min(common, static_cast<std::size_t>(std::ranges::mismatch(*name, first).in1 - name->begin()));
     auto from = common;
     for (int word = 0; word < 2 && from > 0 && from != std::string::npos; ++word)
-      from = names.front()->rfind(' ', from - 1);
+      from = first.rfind(' ', from - 1);
     if (from == std::string::npos || common - from > most / 3) {  // words too long for that
       from = common - std::min(common, most / 3);
-      while (from > 0 && from < names.front()->size() &&
-             (static_cast<unsigned char>((*names.front())[from]) & 0xc0U) == 0x80U)
+      while (from > 0 && from < first.size() && (static_cast<unsigned char>(first[from]) & 0xc0U) == 0x80U)
         --from;
     }
-    const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != *names.front(); });
+    const bool differ = std::ranges::any_of(names, [&](const auto* name) { return *name != first; });
     for (auto* name : names)
       *name = shortened(
           differ && from > 0 ? shortened(name->substr(0, from), most / 3) + name->substr(from) : *name, most);
