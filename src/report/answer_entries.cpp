@@ -138,19 +138,19 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   // Many say the same of several runs: these are one caution.
   const auto tell_of = [&](Remark::Requirement requirement, std::size_t most, const char* what) {
     std::vector<const SharedRemark*> told;
-    std::vector<std::size_t> places;
-    std::set<std::size_t> of_runs;
+    std::set<std::size_t> of_runs, rows;
     for (const auto& remark : remarks) {
       if (remark.requirement != requirement) continue;
       told.push_back(&remark);
       of_runs.insert(remark.runs.begin(), remark.runs.end());
     }
-    for (const auto run : of_runs) places.push_back(row_of_run[run]);
+    for (const auto run : of_runs) rows.insert(row_of_run[run]);
     if (told.size() <= most) return add(requirement);
     const auto& text = told.front()->text;  // "FAIL: p99 <= 1 ms: …"
-    about(places, fmt::format("{} in {}, such as {}{}", what, many(of_runs.size(), "run", "runs"),
-                              names.size() > 1 ? names[row_of_run[told.front()->runs.front()]] + ": " : "",
-                              text.substr(text.find(' ') + 1)));
+    about({rows.begin(), rows.end()},
+          fmt::format("{} in {}, such as {}{}", what, many(of_runs.size(), "run", "runs"),
+                      names.size() > 1 ? names[row_of_run[told.front()->runs.front()]] + ": " : "",
+                      text.substr(text.find(' ') + 1)));
   };
   tell_of(missed, 2, "missed requirements");  // the exit code tells of these
   tell_of(open, 1, "open requirements");

@@ -79,7 +79,7 @@ std::vector<std::string> names_of_pairs(const Comparison& comparison) {
     if (several_ids) parts.push_back(id_of(to));
     if (!to.is_listened() && !(several_ids && comparison.key == "transport")) {
       const auto before = word(from.task.transport), after = word(to.task.transport);
-      parts.push_back(before == after ? after : before + " → " + after);
+      parts.push_back(before == after ? after : fmt::format("{} → {}", before, after));
     }
     entry_of(alike, names.emplace_back(join(parts, " "))).push_back(i);
   }
