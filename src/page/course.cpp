@@ -9,15 +9,14 @@
 
 #include <sodium.h>
 
+#include "statistics/wrapping.hpp"
+
 namespace ontime::page {
 namespace {
 
 constexpr int kept_bits = 11;  // of a time, after its first
 
-// Wraps around instead of overflowing: a damaged file may hold any times.
-std::int64_t between(std::int64_t earlier, std::int64_t later) {
-  return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
-}
+using statistics::between;
 
 std::uint64_t zigzag(std::int64_t value) {
   return (static_cast<std::uint64_t>(value) << 1) ^ static_cast<std::uint64_t>(value >> 63);

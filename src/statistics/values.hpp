@@ -10,17 +10,9 @@
 #include <vector>
 
 #include "statistics/statistics.hpp"
+#include "statistics/wrapping.hpp"
 
 namespace ontime::statistics {
-
-// Times of a damaged file may be any numbers, so these calculations wrap around instead of overflowing.
-constexpr std::int64_t between(std::int64_t earlier, std::int64_t later) {
-  return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
-}
-constexpr std::int64_t nth_after(std::int64_t ns, std::int64_t period_ns, std::uint64_t n) {
-  return static_cast<std::int64_t>(static_cast<std::uint64_t>(ns) +
-                                   static_cast<std::uint64_t>(period_ns) * n);
-}
 
 // least, least + step …: `count` of them.
 struct Series {

@@ -5,6 +5,7 @@
 #include <system_error>
 #include <utility>
 
+#include "statistics/wrapping.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::watch {
@@ -12,25 +13,17 @@ namespace {
 
 using roundtrip::Fate;
 using roundtrip::Sample;
+using statistics::between;
+using statistics::nth_after;
 
 constexpr std::int64_t may_change_ns = 2'000'000'000;  // a lost message may prove answered within this time
 constexpr std::size_t most_worst = 3;
-constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
 
 // Whether the coordinator noted at the start that samples come after the run, so that they do not disturb the
 // link.
 bool samples_wait(const record::Reader& reader, std::int64_t run) {
   const auto notes = reader.notes(run);
   return std::ranges::any_of(notes, [](const auto& note) { return note.kind == "samples-wait"; });
-}
-
-// Times of an outcome may be any numbers: they wrap around instead of overflowing.
-std::int64_t after(std::int64_t ns, std::int64_t step_ns, std::uint64_t steps = 1) {
-  return static_cast<std::int64_t>(static_cast<std::uint64_t>(ns) +
-                                   static_cast<std::uint64_t>(step_ns) * steps);
-}
-std::int64_t between(std::int64_t earlier, std::int64_t later) {
-  return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
 }
 
 void keep(Counted& all, const Worst& wait) {
@@ -47,7 +40,7 @@ void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t
   if (sample.skipped_cycles > 0 && !all.waiting_since_ns) all.waiting_since_ns = sample.intended_ns;
   if (sample.fate == Fate::lost) {
     ++all.lost;
-    all.waited_until_ns = after(sample.sent_ns, timeout_ns);
+    all.waited_until_ns = nth_after(sample.sent_ns, timeout_ns, 1);
     return;
   }
   ++(sample.fate == Fate::late ? all.late : all.on_time);
@@ -62,12 +55,13 @@ void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t
 // answer ended.
 void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> start_ns) {
   const auto& counted = run.outcome.counters;
-  if (counted.trailing_cycles > 0 && counted.trailing_cycles < most_trailing) {
+  if (counted.trailing_cycles > 0 && counted.trailing_cycles < statistics::most_trailing) {
     const auto period_ns = std::max<std::int64_t>(run.asked.task.client.period.count(), 0);
     all.skipped_cycles += counted.trailing_cycles;
     if (!all.waiting_since_ns) all.waiting_since_ns = counted.trailing_due_ns;
-    all.waited_until_ns = std::max({all.waited_until_ns, counted.trailing_until_ns,
-                                    after(counted.trailing_due_ns, period_ns, counted.trailing_cycles - 1)});
+    all.waited_until_ns =
+        std::max({all.waited_until_ns, counted.trailing_until_ns,
+                  nth_after(counted.trailing_due_ns, period_ns, counted.trailing_cycles - 1)});
   }
   if (!all.waiting_since_ns) return;
   const auto since_ns = *all.waiting_since_ns;
