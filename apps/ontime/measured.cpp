@@ -193,10 +193,12 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
     terminal.note(fmt::format("results: {}; no page: {}", measured.results, error.what()));
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
-  const auto text = shown(fresh, format, full, measured.results);
-  print(text);  // last, so that the terminal shows it
+  print(shown(fresh, format, full, measured.results));  // last, so that the terminal shows it
   if (full && is_for_people(format)) explain_new(measured.writer, measured.known, format);
-  if (measured.scenarios > 1 || text.find("\nFinish:") == text.npos) say_how_to_go_on();
+  // The summary's own step is for one scenario.
+  const bool is_said = measured.scenarios == 1 && !full && format == report::Format::table &&
+                       offers_to_finish(fresh, measured.results);
+  if (!is_said) say_how_to_go_on();
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

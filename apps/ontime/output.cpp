@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include "orders/orders.hpp"
+#include "report/answer.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -77,6 +78,11 @@ std::string shown(const std::vector<statistics::Summary>& runs, report::Format f
   const report::Origin origin{results, geteuid() == 0, fmt::format("{}", fmt::join(only, ","))};
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());
+}
+
+bool offers_to_finish(const std::vector<statistics::Summary>& runs, const std::string& results) {
+  const auto steps = report::answer_of(runs, {results, geteuid() == 0}).next;
+  return std::ranges::find(steps, report::Answer::finish, &report::Answer::Step::why) != steps.end();
 }
 
 std::string about(std::chrono::duration<double> time) {

@@ -37,6 +37,9 @@ bool is_results(const std::string& path);  // by its first bytes
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
                   const std::string& results, const std::vector<std::string>& only = {});
 
+// Whether its summary has the step that measures what is left.
+bool offers_to_finish(const std::vector<statistics::Summary>&, const std::string& results);
+
 // The reader of standard output has closed the pipe (`| head`): main() then ends by SIGPIPE.
 struct ReaderGone {};
 

@@ -20,6 +20,7 @@
 #include "machine/machine.hpp"
 #include "measured.hpp"
 #include "output.hpp"
+#include "realtime/privileges.hpp"
 #include "realtime/realtime.hpp"
 #include "scenario_files.hpp"
 #include "search/goal.hpp"
@@ -150,8 +151,7 @@ void check_user(const campaign::Hosts& hosts) {
     return host.ssh.empty() && host.host_prefix.empty() && host.command_prefix.empty() &&
            host.program.empty();
   };
-  const bool is_denied =
-      geteuid() != 0 && !realtime::has_capability(beginning_of("/proc/self/status", 4096), CAP_SYS_ADMIN);
+  const bool is_denied = geteuid() != 0 && !realtime::capable(CAP_SYS_ADMIN);
   if (is_denied && (is_of_this_user(hosts.controller) || is_of_this_user(hosts.components.front().host)))
     throw Error(3, "tune search needs root on this machine: each run records kernel events. Fix: sudo " +
                        table::shell_line(command_line().get<std::vector<std::string>>()));

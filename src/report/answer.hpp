@@ -46,7 +46,8 @@ struct Answer {
   struct Step {
     std::string why, command;
   };
-  std::string sentence;    // what the conditions did
+  static constexpr const char* finish = "Finish";  // the step that measures what is left of a scenario
+  std::string sentence;                            // what the conditions did
   std::string conditions;  // what all runs have in common: "500 B every 10 ms, 20 s a run"
   const char* times = "waits and round trips";  // of the rows
   std::vector<Row> rows;

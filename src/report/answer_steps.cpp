@@ -146,7 +146,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
   if (found.unfinished != nullptr && !origin.file.empty())
     if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
-      add("Finish", with(words, {"--resume", "--results", origin.file}),
+      add(Answer::finish, with(words, {"--resume", "--results", origin.file}),
           found.failed && needs_root(*found.unfinished));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
