@@ -153,9 +153,10 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
 
   std::vector<Entry> entries;
   bool any_spread = false, any_interval = false;
+  std::vector<Group> timed;
   std::vector<std::string> bands(conditions.size()), lines(conditions.size());
   for (std::size_t i = 0; i < conditions.size(); ++i) {
-    const auto runs = with_times(conditions[i].runs);
+    const auto& runs = timed.emplace_back(with_times(conditions[i].runs));
     entries.push_back({conditions[i].name + (runs.empty()      ? " (times unknown)"
                                              : runs.size() > 1 ? fmt::format(" ({} runs)", runs.size())
                                                                : ""),
@@ -193,7 +194,7 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   std::vector<std::string> parts;
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     if (bands[i].empty()) continue;
-    const bool is_spread = with_times(conditions[i].runs).size() > 1;
+    const bool is_spread = timed[i].size() > 1;
     sheet.data(fmt::format("band{}", i), bands[i]);
     parts.push_back(
         fmt::format("$band{} {} with filledcurves {} {} fillstyle transparent solid 0.18 noborder", i,

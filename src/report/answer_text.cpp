@@ -92,13 +92,7 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
   }
   // Names tell runs apart: where an id leaves no space for them, it stands on a line of its own.
   constexpr std::size_t gap = 2, id = 0, name = 1;
-  const auto width_of_column = [&](std::size_t column) {
-    std::size_t widest = 0;
-    for (const auto& line : split(table.columns[column].name, '\n'))
-      widest = std::max(widest, width_of(line));
-    for (const auto& row : table.rows) widest = std::max(widest, width_of(row[column]));
-    return widest;
-  };
+  const auto width_of_column = [&](std::size_t column) { return table::width_of_column(table, column); };
   std::size_t numbers = gap;
   for (std::size_t i = name + 1; i < table.columns.size(); ++i) numbers += gap + width_of_column(i);
   const auto left_by = [&](std::size_t taken) {

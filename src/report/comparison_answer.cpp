@@ -164,11 +164,7 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   }
   constexpr std::size_t gap = 2, least = 24;  // a name that the line has no space for stands on its own line
   std::size_t numbers = 0;
-  for (std::size_t i = 1; i < table.columns.size(); ++i) {
-    auto widest = width_of(table.columns[i].name);
-    for (const auto& row : table.rows) widest = std::max(widest, width_of(row[i]));
-    numbers += gap + widest;
-  }
+  for (std::size_t i = 1; i < table.columns.size(); ++i) numbers += gap + table::width_of_column(table, i);
   shorten_names(table.rows, 0, width > numbers + least ? width - numbers : least);
   return table;
 }

@@ -59,6 +59,9 @@ inline std::vector<std::string> names_of(const Table& table) {
   return names;
 }
 
+// Of its name's lines, and of its cells.
+std::size_t width_of_column(const Table&, std::size_t column);
+
 struct Page {
   std::vector<Table> tables = {};
   std::vector<std::string> notes = {};  // on all of them

@@ -55,13 +55,10 @@ struct Layout {
 };
 
 Layout layout_of(const Table& table) {
-  const auto header = header_of(table.columns);
-  Layout layout{std::vector<std::size_t>(table.columns.size())};
-  for (const auto& line : header) layout.header = std::max(layout.header, width_of(line.front()));
-  for (const auto* lines : {&header, &table.rows})
-    for (const auto& line : *lines)
-      for (std::size_t i = 0; i < line.size(); ++i)
-        layout.widths[i] = std::max(layout.widths[i], width_of(line[i]));
+  Layout layout{.widths = {}};
+  for (std::size_t i = 0; i < table.columns.size(); ++i) layout.widths.push_back(width_of_column(table, i));
+  for (const auto& line : split(table.columns.front().name, '\n'))
+    layout.header = std::max(layout.header, width_of(line));
   return layout;
 }
 
@@ -107,6 +104,13 @@ std::string text_of(const Table& whole, std::size_t width) {
 }
 
 }  // namespace
+
+std::size_t width_of_column(const Table& table, std::size_t column) {
+  std::size_t widest = 0;
+  for (const auto& line : split(table.columns[column].name, '\n')) widest = std::max(widest, width_of(line));
+  for (const auto& row : table.rows) widest = std::max(widest, width_of(row[column]));
+  return widest;
+}
 
 std::string as_text(const Page& page, std::size_t width) {
   std::string text;
