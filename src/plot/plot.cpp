@@ -138,18 +138,15 @@ Counts counts_of(const Group& group) {
   std::uint64_t not_in_time = 0;
   bool by_response = false;
   for (const auto* run : group) {
-    // Where samples are missing, the client counted all messages.
-    const auto missing = statistics::unrecorded(run->run);
-    const auto counted = missing > 0 ? run->run.outcome.counters : roundtrip::Counters{};
-    all.sent += std::max(run->sent, counted.sent);
-    all.late += std::max(run->late, counted.late);
-    all.lost += std::max(run->lost, counted.lost);
-    if (!run->has_worst_only) all.unrecorded += missing;
+    const auto fates = statistics::fates_of(*run);
+    all.sent += fates.sent;
+    all.late += fates.late;
+    all.lost += fates.lost;
+    if (!run->has_worst_only) all.unrecorded += statistics::unrecorded(run->run);
     all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += run->skipped_cycles;
-    not_in_time += std::max(run->late_by_response.value_or(0),
-                            std::max(run->late, counted.late) + std::max(run->lost, counted.lost));
+    not_in_time += fates.not_in_time;
     by_response |= report::differs_by_response(*run);
   }
   if (by_response) all.not_in_time = not_in_time;

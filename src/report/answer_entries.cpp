@@ -27,26 +27,18 @@ std::string in_words(const Summary& run) {
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
 }
 
-// Cycles without an answer in time. Where samples are missing, at least what the client counted.
-std::uint64_t missed_of(const Summary& run) {
-  const auto seen = run.late_by_response.value_or(run.late + run.lost);
-  const auto& counted = run.run.outcome.counters;
-  return std::max({seen, run.late + run.lost, counted.late + counted.lost});
-}
-
 struct Wait {
   double ns;
   bool is_open;  // no answer ended it, or none whose time is known
 };
 Wait worst_wait_of(const Summary& run) {
   const auto& client = run.run.asked.task.client;
-  const auto& counted = run.run.outcome.counters;
+  const auto fates = statistics::fates_of(run);
   const auto ended_ns = static_cast<double>(std::max(run.response.max, run.round_trip.max));
   auto open_ns = static_cast<double>(run.open_wait_ns);
   // Where samples are missing, the client's counts tell at least how long the waits were.
-  if (std::max(run.lost, counted.lost) > 0)
-    open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
-  if (counted.late > run.late) open_ns = std::max(open_ns, static_cast<double>(client.deadline.count()));
+  if (fates.lost > 0) open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
+  if (fates.late > run.late) open_ns = std::max(open_ns, static_cast<double>(client.deadline.count()));
   return {std::max(ended_ns, open_ns), open_ns > 0 && open_ns >= ended_ns};
 }
 
@@ -62,8 +54,9 @@ Row row_of(const Group& runs, const std::string& name) {
     row.missed_requirement = row.missed_requirement || has_note(*run, gate::missed_note);
     row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
     if (run->imported) continue;
-    row.cycles += sent_of(*run) + run->skipped_cycles;
-    row.missed += missed_of(*run);
+    const auto fates = statistics::fates_of(*run);
+    row.cycles += fates.sent + run->skipped_cycles;
+    row.missed += fates.not_in_time;
     const auto [wait_ns, is_open] = worst_wait_of(*run);
     const auto before_ns = row.worst_wait_ns.value_or(0);
     if (wait_ns > before_ns) row.worst_wait_ns = wait_ns;
@@ -183,7 +176,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
 }
 
 State state_of(const Summary& run) {
-  const bool is_late = missed_of(run) > 0;
+  const bool is_late = statistics::fates_of(run).not_in_time > 0;
   const bool can_be_late = statistics::knows_late(run.run) || statistics::knows_loss(run.run);
   switch (gate::flaw_of(run)) {
     case Flaw::imported:

@@ -269,7 +269,8 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   };
   // A few cycles leave the rate as it was: the longest wait tells of their stall.
   const auto skipped = static_cast<double>(summary.skipped_cycles);
-  const bool is_slower = skipped > most_skipped * (static_cast<double>(sent_of(summary)) + skipped);
+  const bool is_slower =
+      skipped > most_skipped * (static_cast<double>(statistics::fates_of(summary).sent) + skipped);
   count(is_slower ? Weight::caution : Weight::detail,
         is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())

@@ -102,8 +102,6 @@ struct Verdict {
   std::string sentence, further;
 };
 Verdict verdict_of(const Summaries&);
-// Of all messages: where samples are missing, as the client counted them.
-std::uint64_t sent_of(const statistics::Summary&);
 // Such as gate::missed_note: gates are judged when a run is measured.
 bool has_note(const statistics::Summary&, const char* kind);
 

@@ -13,28 +13,15 @@ namespace {
 
 using statistics::Summary;
 
-// As sent_of().
-struct Fates {
-  std::uint64_t sent, late, lost;
-};
-Fates fates_of(const Summary& summary) {
-  const auto& counted = summary.run.outcome.counters;
-  if (statistics::unrecorded(summary.run) == 0) return {summary.sent, summary.late, summary.lost};
-  return {std::max(summary.sent, counted.sent), std::max(summary.late, counted.late),
-          std::max(summary.lost, counted.lost)};
-}
-
 // A cycle without a message was not on time either.
 bool all_on_time(const Summary& summary) {
-  const auto [sent, late, lost] = fates_of(summary);
-  return sent > 0 && late + lost == 0 && summary.late_by_response.value_or(0) == 0;
+  const auto fates = statistics::fates_of(summary);
+  return fates.sent > 0 && fates.not_in_time == 0;
 }
 
 std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
 
 }  // namespace
-
-std::uint64_t sent_of(const Summary& summary) { return fates_of(summary).sent; }
 
 Verdict verdict_of(const Summaries& summaries) {
   if (summaries.empty()) return {Verdict::Word::nothing, "Nothing was measured.", ""};
@@ -51,7 +38,7 @@ Verdict verdict_of(const Summaries& summaries) {
     without_limit += knows_late ? 0 : 1;
     with_limit += knows_late ? 1 : 0;
     if (knows_late || knows_loss) {
-      const auto fates = fates_of(summary);
+      const auto fates = statistics::fates_of(summary);
       sent += fates.sent;
       late += fates.late;
       lost += fates.lost;

@@ -22,8 +22,7 @@ namespace {
 using roundtrip::Fate;
 using roundtrip::Sample;
 
-constexpr std::size_t block_size = 1 << 14;                      // of samples
-constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
+constexpr std::size_t block_size = 1 << 14;  // of samples
 
 // Nothing of a time that was not stated.
 std::optional<std::int64_t> positive_ns(std::chrono::nanoseconds time) {
@@ -230,6 +229,13 @@ std::string shift_text(const Summary& summary) {
                      from_s < 10 ? 1 : 0,
                      times < 10 ? fmt::format("{:.2g}", times) : fmt::format("{:.0f}", times),
                      time_of(shift->before_ns), time_of(shift->after_ns));
+}
+
+Fates fates_of(const Summary& summary) {
+  const auto counted = unrecorded(summary.run) > 0 ? summary.run.outcome.counters : roundtrip::Counters();
+  const auto late = std::max(summary.late, counted.late), lost = std::max(summary.lost, counted.lost);
+  return {std::max(summary.sent, counted.sent), late, lost,
+          std::max(summary.late_by_response.value_or(0), late + lost)};
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {

@@ -151,6 +151,13 @@ inline bool knows_late(const record::Run& run) {
 }
 inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
 
+// Messages, and cycles without an answer in time. Where samples are missing: at least what the client
+// counted.
+struct Fates {
+  std::uint64_t sent, late, lost, not_in_time;
+};
+Fates fates_of(const Summary&);
+
 // Whether a percentile of an imported run is among the values of which only `beyond_from_ns` is known.
 inline bool is_lower_bound(const Summary& run, Figure figure) {
   if (!run.imported || figure == Figure::max) return false;
