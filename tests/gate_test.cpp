@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "amend.hpp"
+#include "gate_runs.hpp"
 
 namespace ontime::gate {
 namespace {
@@ -16,33 +17,6 @@ using ::testing::HasSubstr;
 using Result = Judgement::Result;
 
 // --- what a run of this many milliseconds in p99 surely lies between comes to ---
-
-Measured measured(double ms, std::optional<double> low_ms, std::optional<double> high_ms) {
-  const auto ns = [](std::optional<double> value) {
-    return value ? std::optional(*value * 1e6) : std::nullopt;
-  };
-  Measured result;
-  result.value = ms * 1e6;
-  result.sure = result.surer = {ns(low_ms), ns(high_ms)};
-  return result;
-}
-
-Summary run(const Measured& p99, std::uint64_t late = 0) {
-  Summary run;
-  run.run.number = 5;
-  run.run.asked = json{{"id", "Test1.B"}, {"transport", "udp"}, {"repetition", 2}};
-  run.run.outcome = json{{"interrupted", false}};
-  run.sent = 1000;
-  run.late = late;
-  run.on_time = 1000 - late;
-  run.round_trip.count = 1000;
-  run.round_trip.max = 7'000'000;
-  run.shape.round_trip_ranks = {{1000, 1'000'000}};
-  run.round_trip_certainty[statistics::Figure::p99] = p99;
-  return run;
-}
-
-Judgement judged(const char* text, const Summary& of) { return judge(parse(text, Use::fail_if), of); }
 
 TEST(Judge, AGateFailsOnlyIfTheIntervalExceedsTheLimit) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, 3.5))).result, Result::missed);
@@ -369,170 +343,6 @@ TEST(Judge, ARunThatALaterOneRepeatsIsSuperseded) {
 }
 
 // --- against another run ---
-
-Judgement compared(const char* text, const Measured& from, const Measured& to) {
-  const auto a = run(from), b = run(to);
-  return judge(parse(text, Use::fail_if_compared), {&a, &a}, {&b, &b});
-}
-
-TEST(JudgeAChange, FailsOnlyIfChanceDoesNotExplainIt) {
-  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
-            Result::missed);
-  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.05, 1.03, 1.07)).result, Result::held);
-  const auto unsure = compared("p99 > +10%", measured(1, 0.8, 1.2), measured(1.3, 0.9, 1.8));
-  EXPECT_EQ(unsure.result, Result::held);
-  EXPECT_FALSE(unsure.is_sure);
-  EXPECT_EQ(compared("p99 > +0.2 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
-            Result::missed);
-  EXPECT_EQ(compared("p99 > +0.4 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
-            Result::held);
-}
-
-TEST(JudgeAChange, IsOpenIfTheMeasuredChangeIsBeyondTheLimitAndMayBeTwiceIt) {
-  // Two runs a side say so little that 54 times as long may be chance.
-  const auto fast = run(measured(0.15, 0.1, 0.2)), faster = run(measured(0.1, 0.08, 0.2)),
-             slow = run(measured(11.6, 11, 12)), slower = run(measured(4.9, 4, 5));
-  for (const auto* text : {"p99 > +10%", "p99 > +10 us"}) {
-    const auto judgement = judge(parse(text, Use::fail_if_compared), {&fast, &faster}, {&slow, &slower});
-    EXPECT_EQ(judgement.result, Result::cannot_judge) << text;
-    EXPECT_THAT(judgement.says, HasSubstr("Repeat the runs more often")) << text;
-  }
-  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2)).result,
-            Result::cannot_judge);
-  const auto base = run(measured(1, 0.8, 1.2)), unbounded = run(measured(1.3, 1, {}));
-  EXPECT_EQ(
-      judge(parse("p99 > +10%", Use::fail_if_compared), {&base}, {&unbounded}, SingleRuns::judged).result,
-      Result::cannot_judge);
-  EXPECT_EQ(compared("p99 > +60%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2)).result, Result::held)
-      << "the measured change is within the limit";
-}
-
-TEST(JudgeAChange, OfAShareThatWasZeroIsOpenIfItMayBeATenthOfAllMessages) {
-  const auto losing = [](double value, double high) {
-    auto one = run({});
-    one.lost_probability.messages = 60;
-    one.lost_probability.value = value;
-    one.lost_probability.surer = {0.0, high};
-    return one;
-  };
-  const auto none = losing(0, 0.02), some = losing(0.02, 0.2), few = losing(0.02, 0.08);
-  for (const auto* text : {"lost > +10%", "lost > +1 points"}) {
-    const auto gate = parse(text, Use::fail_if_compared);
-    EXPECT_EQ(judge(gate, {&none}, {&some}, SingleRuns::judged).result, Result::cannot_judge) << text;
-    EXPECT_STREQ(word_of(judge(gate, {&none}, {&few}, SingleRuns::judged)), "ok, not certain") << text;
-  }
-}
-
-TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {
-  const auto from = run(measured(1, 0.98, 1.02));
-  auto to = from;
-  EXPECT_TRUE(judge(parse("p99 > +10%", Use::fail_if_compared), {&from, &from}, {&to, &to}).is_sure);
-  to.lost = 490;
-  for (const auto* text : {"p99 > +10%", "p99 > +1 ms"}) {
-    const auto judgement = judge(parse(text, Use::fail_if_compared), {&from, &from}, {&to, &to});
-    EXPECT_EQ(judgement.result, Result::held) << text;
-    EXPECT_FALSE(judgement.is_sure) << text;
-    EXPECT_THAT(judgement.says, HasSubstr("490 of 1000 messages were lost")) << text;
-  }
-}
-
-TEST(JudgeAChange, NamesBothValuesAndTheirChange) {
-  EXPECT_THAT(text_of(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32))),
-              ::testing::AllOf(HasSubstr("FAIL: p99 <= +10% (Test1.B udp)"),
-                               HasSubstr("from 1 ms to 1.3 ms (+30 %)"), HasSubstr("98 % interval [+")));
-}
-
-TEST(JudgeAChange, OneRunPerSideIsOpenUnlessSingleRunsAreJudged) {
-  const auto a = run(measured(1, 0.98, 1.02)), b = run(measured(1.3, 1.28, 1.32));
-  const auto gate = parse("p99 > +10%", Use::fail_if_compared);
-  for (const auto& [from, to] : {std::pair<Runs, Runs>{{&a}, {&b}}, {{&a}, {&a}}, {{&a, &a}, {&b}}}) {
-    const auto judgement = judge(gate, from, to);
-    EXPECT_EQ(judgement.result, Result::cannot_judge);
-    EXPECT_THAT(judgement.says, HasSubstr("repeat: 5"));
-  }
-  EXPECT_EQ(judge(gate, {&a}, {&b}, SingleRuns::judged).result, Result::missed);
-  EXPECT_EQ(judge(gate, {&a}, {&a}, SingleRuns::judged).result, Result::held);
-}
-
-TEST(JudgeAChange, TooFewMessagesInSingleRunsAreOpen) {
-  const auto a = run(measured(1, 0.9, {})), b = run(measured(0.9, 0.8, 1));
-  EXPECT_EQ(judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b}, SingleRuns::judged).result,
-            Result::cannot_judge);
-}
-
-TEST(JudgeAChange, PercentileOfTooFewMessagesIsOpen) {
-  auto a = run({}), b = run({});
-  a.round_trip_certainty[statistics::Figure::p99_99] = measured(1, 0.98, 1.02);
-  b.round_trip_certainty[statistics::Figure::p99_99] = measured(9, 8.98, 9.02);
-  for (const auto* text : {"p99.99 > +10%", "p99.99 > +1 ms"}) {
-    const auto judgement = judge(parse(text, Use::fail_if_compared), {&a, &a}, {&b, &b});
-    EXPECT_EQ(judgement.result, Result::cannot_judge) << "of 1,000 it is the maximum";
-    EXPECT_THAT(judgement.says, HasSubstr("too few messages")) << text;
-  }
-}
-
-TEST(JudgeAChange, DifferenceAndRatioAreJudgedByTheSameInterval) {
-  const auto low = run(measured(0.3, 0.29, 0.31));
-  const auto some = run(measured(3, 2.9, 3.1)), more = run(measured(9, 8.9, 9.1)),
-             most = run(measured(30, 29, 31));
-  std::string interval;
-  for (const auto* text : {"p99 > +1%", "p99 > +10 us"}) {
-    const auto judgement =
-        judge(parse(text, Use::fail_if_compared), {&low, &low, &low}, {&some, &more, &most});
-    EXPECT_EQ(judgement.result, Result::missed) << text;
-    const auto of_this = judgement.says.substr(judgement.says.find("98 % interval"));
-    EXPECT_TRUE(interval.empty() || of_this == interval) << of_this;
-    interval = of_this;
-  }
-}
-
-TEST(JudgeAChange, AnyIncreaseFromZeroExceedsARatio) {
-  auto a = run({}), b = run({}, 100);
-  const auto share = [](double value, double low, double high) {
-    statistics::Probability result;
-    result.value = value;
-    result.surer = {low, high};
-    result.messages = 1000;
-    return result;
-  };
-  a.late_probability = share(0, 0, 0.004);
-  b.late_probability = share(0.1, 0.08, 0.12);
-  const auto gate = parse("late > +10%", Use::fail_if_compared);
-  EXPECT_EQ(judge(gate, {&a}, {&b}, SingleRuns::judged).result, Result::missed);
-  EXPECT_EQ(judge(gate, {&a}, {&a}, SingleRuns::judged).result, Result::held);
-  b.late_probability = share(0.001, 0, 0.005);
-  EXPECT_EQ(judge(gate, {&a}, {&b}, SingleRuns::judged).result, Result::held) << "one message is chance";
-}
-
-TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
-  const auto a = run(measured(1, 0.98, 1.02)), b = run(measured(1, 0.98, 1.02));
-  auto lost = b;
-  lost.round_trip = {};
-  const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b, &lost});
-  EXPECT_EQ(judgement.result, Result::cannot_judge);
-  EXPECT_THAT(judgement.says, HasSubstr("of B: no message"));
-}
-
-TEST(JudgeAChange, UnknownLossOrLatenessIsOpen) {
-  auto one = run(measured(1, 0.9, 1.1));
-  one.late_probability.messages = one.lost_probability.messages = 1500;
-  one.run.asked.measures = "age";
-  one.run.asked.task.client.deadline = {};
-  one.run.outcome.loss_unknown = true;
-  for (const auto* text : {"lost > +0 points", "lost > +10%", "late > +0.1 points"}) {
-    const auto judgement = judge(parse(text, Use::fail_if_compared), {&one, &one}, {&one, &one});
-    EXPECT_EQ(judgement.result, Result::cannot_judge) << text;
-  }
-}
-
-TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {
-  const auto a = run(measured(1, 0.98, 1.02));
-  auto b = run(measured(1, 0.98, 1.02));
-  b.run.outcome = {};
-  const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b});
-  EXPECT_EQ(judgement.result, Result::cannot_judge);
-  EXPECT_THAT(judgement.says, HasSubstr("of B"));
-}
 
 }  // namespace
 }  // namespace ontime::gate

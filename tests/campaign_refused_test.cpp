@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is wrong with a scenario is named with its place.
+#include <fmt/format.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "campaign/campaign.hpp"
+#include "campaign_scenario.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::Not;
+
+TEST_F(ScenarioFile, MistypedKeysAreAnsweredWithTheNearestOne) {
+  const auto answered = [](const char* key, const char* meant) {
+    return AllOf(HasSubstr(fmt::format("unknown key '{}' (did you mean '{}'?)", key, meant)),
+                 Not(HasSubstr("allowed")));
+  };
+  const std::string runs = "\nruns: [{id: a, transport: udp}]\n";
+  EXPECT_THAT(error("runs: [{id: a, transprot: udp}]\n"), answered("transprot", "transport"));
+  EXPECT_THAT(error("runs: [{id: a, kernel: {governer: performance}}]\n"),
+              answered("kernel.governer", "governor"));
+  EXPECT_THAT(error("runs: [{id: a, kernal: {governor: performance}}]\n"),
+              answered("kernal.governor", "kernel"));
+  EXPECT_THAT(error("defualts: {}" + runs), answered("defualts", "defaults"));
+  EXPECT_THAT(error("wire: {vlna: 5}" + runs), answered("wire.vlna", "vlan"));
+  EXPECT_THAT(error("hosts: {component: {adress: 1.2.3.4}}" + runs), answered("adress", "address"));
+  EXPECT_THAT(error("hosts: {componnet: {address: 1.2.3.4}}" + runs), HasSubstr("did you mean 'component'?"));
+}
+
+TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
+  EXPECT_THAT(error("runs:\n  - id: a\n    transport: udp\n    perid: 10 ms\n"),
+              testing::AllOf(HasSubstr(":4:5: unknown key 'perid'"), HasSubstr("period")));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: 10}\n"),
+              HasSubstr(":2:37: period: '10' has no unit"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: 0 ms}\n"), HasSubstr("period: '0 ms'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: -5 ms}\n"), HasSubstr("period: '-5 ms'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, qos: {depth: 0}}\n"), HasSubstr("qos.depth: '0'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, payload: [1 B, 2 Q]}\n"),
+              HasSubstr(":2:44: payload: '2 Q'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp}\n  - {id: a, transport: udp}\n"),
+              HasSubstr("another run with id 'a'"));
+  EXPECT_THAT(error("runs:\n  - {id: 'a,b', transport: udp}\n"), HasSubstr(":2:10: id: 'a,b': "));
+  EXPECT_THAT(error("runs:\n  - {id: -x, transport: udp}\n"), HasSubstr(":2:10: id: '-x'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
+              HasSubstr("'transport' occurs twice"));
+  EXPECT_THAT(error("runs: [\n"), HasSubstr(":2:1:"));
+  EXPECT_THAT(error("runs: []\n"), HasSubstr("a list of runs is needed"));
+  EXPECT_THAT(error("title: x\n"), HasSubstr("a list of runs is needed"));
+  EXPECT_THAT(error("- a\n"), HasSubstr("not a scenario"));
+  EXPECT_THAT(error(""), HasSubstr("not a scenario"));
+  EXPECT_THAT(error("wat: 1\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:1: unknown key 'wat'"));
+  EXPECT_THAT(error("runs: [{transport: udp}]\n"), HasSubstr("a run needs an id"));
+  EXPECT_THAT(error("runs: [{id: a}]\n"), HasSubstr("no transport"));
+  EXPECT_THAT(error("repeat: 0\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:9: repeat"));
+  EXPECT_THAT(error("order: random\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:8: order"));
+  EXPECT_THAT(error("hosts: mars\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:8: hosts"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, deadline: 1 s}]\n"), HasSubstr("deadline"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, realtime: {policy: other, priority: 5}}]\n"),
+              HasSubstr("priority needs policy"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, period: {a: 1}}]\n"),
+              HasSubstr("unknown key 'period.a'"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, period: }]\n"), HasSubstr("a value is needed"));
+  EXPECT_THROW(read_scenario("/no/such/file.yaml", {}), scenario::Error);
+  EXPECT_THROW(read_scenario("/", {}), scenario::Error);
+}
+
+TEST_F(ScenarioFile, MeaninglessQuantitiesAreRefused) {
+  const auto with = [](const std::string& key) { return "runs: [{id: a, transport: udp, " + key + "}]\n"; };
+  for (const auto* key : {"duration: 0 s",
+                          "duration: -1 s",
+                          "duration: 1001 h",
+                          "duration: 99999999999 h",
+                          "period: 2 h",
+                          "timeout: 61 min",
+                          "deadline: -1 ms",
+                          "payload: 2 GiB",
+                          "payload: -1 B",
+                          "payload: 99999999 GiB",
+                          "warm-up: 0",
+                          "warm-up: -1",
+                          "warm-up: 1.5",
+                          "domain: 233",
+                          "domain: -1",
+                          "domain: 0x1",
+                          "qos: {depth: 99999999999999999999}",
+                          "realtime: {cpu-latency: -5 us}",
+                          "realtime: {cpu-latency: 1500 ns}",
+                          "realtime: {cpu-latency: 1 h}",
+                          "realtime: {cpus: 0-99999999999}",
+                          "realtime: {priority: 100}",
+                          "load: {controller: {cpu: -1}}",
+                          "load: {controller: {cpu: nan}}",
+                          "load: {controller: {vm-bytes: 0 B}}",
+                          "load: {component: {hdd-bytes: -1 B}}",
+                          "traffic: {rate: 80}",
+                          "traffic: {rate: 0 Mbit/s}",
+                          "traffic: {rate: 80 Mbps}",
+                          "traffic: {rate: 1 Mbit/s, datagram: 15 B}",
+                          "traffic: {rate: 1 Mbit/s, datagram: 64 KiB}",
+                          "traffic: {rate: 1 Mbit/s, direction: up}",
+                          "traffic: {rate: 1 Mbit/s, priority: 0}",
+                          "traffic: {direction: to-component}",
+                          "link: {loss: 101 %}",
+                          "link: {loss: 0 %}",
+                          "link: {loss: 0.00015 %}",
+                          "link: {loss: 0.1}",
+                          "link: {jitter: 1 ms}",
+                          "link: {reorder: 5 %}",
+                          "link: {delay: 1 ms, jitter: 2 ms}",
+                          "link: {delay: 100 ns}",
+                          "link: {cut: 5 s}",
+                          "link: {cut: 5 s for 0 s}",
+                          "link: {cut: 5 s for 1 us}",
+                          "link: {cut: 10 s for 1 s}"})
+    EXPECT_THAT(error(with(key)), testing::StartsWith(":1:")) << key;
+  for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 65475 B", "payload: 0 B",
+                          "domain: 232", "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
+    EXPECT_EQ(error(with(key)), "no error") << key;
+}
+
+TEST_F(ScenarioFile, UnknownTransportOfThisMachineIsRefused) {
+  EXPECT_THAT(error("hosts: loopback\nruns:\n  - {id: a, transport: tcp}\n"),
+              testing::AllOf(testing::StartsWith(":3:"), HasSubstr("transport 'tcp'")));
+  EXPECT_THAT(error("runs: [{id: a, transport: [udp, upd]}]\n"), HasSubstr("did you mean 'udp'"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, component: {transport: tcp}}]\n"),
+              HasSubstr("transport 'tcp'"));
+  EXPECT_EQ(error("runs: [{id: a, transport: [xdp, opendds]}]\n"), "no error") << "known, installed or not";
+}
+
+TEST_F(ScenarioFile, UnknownTransportOfOtherMachinesIsAccepted) {
+  EXPECT_EQ(error("hosts: {component: {ssh: robot, address: 10.0.0.2}}\nruns: [{id: a, transport: mine}]\n"),
+            "no error");
+}
+
+TEST_F(ScenarioFile, PayloadBeyondATransportIsRefused) {
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, payload: 70 kB}\n"),
+              testing::AllOf(testing::StartsWith(":2:"), HasSubstr("65475"), HasSubstr("70000")));
+  EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, component: {transport: ros2}, payload: 2 MiB}]\n"),
+              HasSubstr("transport ros2"));
+  EXPECT_EQ(error("runs: [{id: a, transport: cyclonedds, payload: 16 MiB}]\n"), "no error");
+}
+
+}  // namespace
+}  // namespace ontime::campaign
