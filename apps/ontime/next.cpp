@@ -29,9 +29,11 @@ std::string newest_results() {
   for (const auto& entry : fs::directory_iterator(".", none)) {
     if (entry.path().extension() != ".ontime" || !entry.is_regular_file(none) || !is_results(entry.path()))
       continue;
+    const auto name = entry.path().filename().string();
+    if (table::printable(name) != name) continue;  // it would control the terminal
     const auto time = entry.last_write_time(none);
     if (none || (!newest.empty() && time <= newest_time)) continue;
-    newest = entry.path().filename().string();
+    newest = name.starts_with('-') ? "./" + name : name;
     newest_time = time;
   }
   return newest;

@@ -39,12 +39,16 @@ bool is_only_path(const std::string& name) {
          (name.find('/') == std::string::npos && name.ends_with(suffix));
 }
 
+// "paper/test1" is the installed one as well, whatever the current folder has of that name.
 fs::path found(const std::string& name) {
+  const auto own = is_only_path(name) ? fs::path() : own_scenarios();
+  if (!own.empty())
+    for (const auto& path : {own / name, own / (name + suffix)})
+      if (!name.ends_with(suffix) && is_there(path)) return path;
   if (is_path(name) && is_there(name)) return name;
-  const auto own = own_scenarios();
-  if (own.empty() || is_only_path(name)) return {};
-  for (const auto& path : {own / name, own / (name + suffix), own.parent_path() / name})
-    if (is_there(path)) return path;
+  if (!own.empty())
+    for (const auto& path : {own / name, own.parent_path() / name})
+      if (is_there(path)) return path;
   return {};
 }
 

@@ -33,12 +33,14 @@ pid_t known_holder() {
   const auto program_of = [&](pid_t pid) {
     return std::filesystem::read_symlink(fmt::format("/proc/{}/exe", pid), none);
   };
+  // In a PID namespace with the /proc of another one, these numbers are of other processes.
+  const bool is_own_proc = std::filesystem::read_symlink("/proc/self", none) == std::to_string(getpid());
   const auto own = program_of(getpid());
-  return !own.empty() && program_of(getppid()) == own ? getppid() : getpid();
+  return is_own_proc && !own.empty() && program_of(getppid()) == own ? getppid() : getpid();
 }
 
 std::string command_line(pid_t pid) {
-  std::ifstream file(fmt::format("/proc/{}/cmdline", pid));
+  std::ifstream file(pid == getpid() ? "/proc/self/cmdline" : fmt::format("/proc/{}/cmdline", pid));
   std::string command(std::istreambuf_iterator<char>(file), {});
   while (!command.empty() && command.back() == '\0') command.pop_back();
   std::replace_if(

@@ -144,11 +144,17 @@ class Search {
       same->ns += part.ns;
   }
 
+  // Any process names itself: its name must not look like the advice that follows a ';'.
+  static std::string word_of(std::string name) {
+    std::ranges::replace(name, ';', '?');
+    return name;
+  }
+
   static std::string words_of(const Party& process, const std::string& thread, std::int32_t id) {
-    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : thread;
+    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : word_of(thread);
     const bool is_one_name = thread.empty() || thread == process.name;
-    return fmt::format("{} [{}]{}", process.name, process.process,
-                       is_one_name ? "" : fmt::format(" (thread {})", thread));
+    return fmt::format("{} [{}]{}", word_of(process.name), process.process,
+                       is_one_name ? "" : fmt::format(" (thread {})", word_of(thread)));
   }
 
   static std::string policy_of(std::int32_t priority) {

@@ -237,12 +237,14 @@ class System(Program):
 
     def test_bare_name_is_the_installed_scenario_and_a_path_has_a_slash_or_a_suffix(self):
         impostor = "title: IMPOSTOR\nruns: [{id: one, transport: udp, duration: 50 ms}]\n"
-        for name in ("demo", "mine", "mine.yaml"):
+        pathlib.Path(self.folder, "paper").mkdir()
+        for name in ("demo", "mine", "mine.yaml", "paper/test1"):
             pathlib.Path(self.folder, name).write_text(impostor)
         installed = self.run_ontime("scenarios", "demo", cwd=self.folder)
         self.assertEqual(installed.returncode, 0, installed.stderr)
         self.assertNotIn("IMPOSTOR", installed.stdout)
-        for path in ("./demo", "mine.yaml"):
+        self.assertNotIn("IMPOSTOR", self.run_ontime("scenarios", "paper/test1", cwd=self.folder).stdout)
+        for path in ("./demo", "mine.yaml", "./paper/test1"):
             self.assertIn("IMPOSTOR", self.run_ontime("scenarios", path, cwd=self.folder).stdout, path)
         refused = self.run_ontime("scenarios", "mine", cwd=self.folder)
         self.assertEqual(refused.returncode, 2, refused.stdout)
