@@ -89,6 +89,30 @@ TEST(Answer, AWaitOfAMessageWithoutASampleIsKnownAtLeast) {
   EXPECT_TRUE(answer_of({one}, kept).rows.at(0).is_open);
 }
 
+TEST(Answer, CyclesThatOnlyTheClientCountedAreCounted) {
+  auto one = run(1, "a", "udp", {});
+  amend(one.run.outcome, {{"sent", 2200}, {"skipped_cycles", 90}, {"dropped_records", 200}});
+  EXPECT_EQ(answer_of({one}, kept).rows.at(0).cycles, 2290U);
+  EXPECT_THAT(answer_of({one}, kept).sentence, HasSubstr("90 of 2,290 cycles had no message"));
+}
+
+TEST(Answer, LateAndLostMessagesThatAreKnownApartAreSaidSo) {
+  auto period = run(1, "/scan period", "", {}), age = run(2, "/odom age", "", {});
+  amend(period.run.asked, {{"measures", "period"}, {"deadline_us", 5000}});
+  amend(period.run.outcome, "/loss_unknown", true);
+  amend(age.run.asked, {{"measures", "age"}, {"deadline_us", nullptr}});
+  EXPECT_THAT(answer_of({period, age}, kept).sentence, HasSubstr("as far as is known"));
+  amend(age.run.asked, "/deadline_us", 5000);
+  EXPECT_THAT(answer_of({period, age}, kept).sentence, StartsWith("No message was late or lost."));
+}
+
+TEST(Answer, WordOfAForeignFileIsNoOptionOfACommand) {
+  auto one = run(1, "--help", "udp", {}, 5);
+  amend(one.run.asked, {{"command_line", {"ontime", "run", "demo"}}, {"scenario_file", "--junit=/tmp/made"}});
+  for (const auto& command : commands_of(answer_of({one}, kept)))
+    EXPECT_THAT(command, AllOf(::testing::Not(HasSubstr("junit")), ::testing::Not(HasSubstr("--only"))));
+}
+
 TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {
   auto one = run(1, "/scan period", "", {});
   amend(one.run.asked, {{"measures", "period"}, {"deadline_us", nullptr}});

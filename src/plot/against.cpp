@@ -73,7 +73,8 @@ std::string line_of(const Summary& summary, const Abscissa& abscissa) {
 }
 
 bool missed_any(const Summary& summary) {
-  return summary.late + summary.lost + summary.skipped_cycles > 0 || !statistics::is_complete(summary.run) ||
+  const auto fates = statistics::fates_of(summary);
+  return fates.late + fates.lost + fates.skipped > 0 || !statistics::is_complete(summary.run) ||
          !gate::absent(summary.run.asked, summary.run.outcome).empty();
 }
 

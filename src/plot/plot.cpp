@@ -145,7 +145,7 @@ Counts counts_of(const Group& group) {
     if (!run->has_worst_only) all.unrecorded += statistics::unrecorded(run->run);
     all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
-    all.skipped_cycles += run->skipped_cycles;
+    all.skipped_cycles += fates.skipped;
     not_in_time += fates.not_in_time;
     by_response |= report::differs_by_response(*run);
   }

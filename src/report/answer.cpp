@@ -107,14 +107,20 @@ constexpr const char* no_limit_words =
 
 // Of a robot's own messages, whose class has some that can be late or lost.
 std::string sentence_of_listened(const Class& all) {
-  const bool has_limit = std::ranges::any_of(
-      all.entries, [](const Entry* entry) { return statistics::knows_late(entry->runs.front()->run); });
-  const bool knows_loss = std::ranges::any_of(
-      all.entries, [](const Entry* entry) { return statistics::knows_loss(entry->runs.front()->run); });
+  const auto any = [&](auto... knows) {
+    return std::ranges::any_of(all.entries, [&](const Entry* entry) {
+      return std::ranges::all_of(entry->runs, [&](const auto* run) { return (knows(run->run) && ...); });
+    });
+  };
+  const bool has_limit = any(statistics::knows_late), knows_loss = any(statistics::knows_loss);
   if (all.high > 0)
     return fmt::format("{} of the messages were late or lost{}.", all.range(), worst_named(all));
-  if (!knows_loss) return "No message was late. Lost messages are unknown.";
-  return has_limit ? "No message was late or lost." : fmt::format("No message was lost. {}", no_limit_words);
+  if (!knows_loss)
+    return fmt::format("{} Lost messages are unknown.", has_limit ? "No message was late." : no_limit_words);
+  if (!has_limit) return fmt::format("No message was lost. {}", no_limit_words);
+  return any(statistics::knows_late, statistics::knows_loss)
+             ? "No message was late or lost."
+             : "No message was late or lost, as far as is known.";
 }
 
 // One class: its total. Two classes: their contrast. Never pooled over opposite conditions.
@@ -127,7 +133,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     for (const auto& one : classes)
       for (const auto* entry : one.entries) {
         cycles += entry->row.cycles;
-        for (const auto* run : entry->runs) skipped += run->skipped_cycles;
+        for (const auto* run : entry->runs) skipped += statistics::fates_of(*run).skipped;
       }
     if (skipped > 0)  // their wait ended in time, but by the answer to a message of another cycle
       return fmt::format("{} messages had an answer {}, but {} of {} cycles had no message.",

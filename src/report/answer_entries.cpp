@@ -55,7 +55,7 @@ Row row_of(const Group& runs, const std::string& name) {
     row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
     if (run->imported) continue;
     const auto fates = statistics::fates_of(*run);
-    row.cycles += fates.sent + run->skipped_cycles;
+    row.cycles += fates.sent + fates.skipped;
     row.missed += fates.not_in_time;
     const auto [wait_ns, is_open] = worst_wait_of(*run);
     const auto before_ns = row.worst_wait_ns.value_or(0);

@@ -80,6 +80,7 @@ std::vector<std::string> options_of(const Summary& run, const std::string& scena
 std::vector<std::string> again(const Summary& run, Options wanted) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
+    if (scenario.starts_with('-')) return {};  // of a foreign file: it would be an option
     std::vector<std::string> all = {"ontime"};
     if (is_simulated(run)) all.emplace_back("lab");
     all.insert(all.end(), {"run", scenario});
@@ -121,9 +122,9 @@ std::string plain_time(double ns) {
   return fmt::format("{:.0f}h", std::ceil(ns / 3600e9));
 }
 
-// --only takes ids, which a comma would part.
+// --only takes ids, which a comma would part. What begins with a dash would be an option.
 bool can_be_named(const std::string& id) {
-  return !id.empty() && id != nothing && id.find(',') == std::string::npos;
+  return !id.empty() && id != nothing && id.find(',') == std::string::npos && !id.starts_with('-');
 }
 
 }  // namespace

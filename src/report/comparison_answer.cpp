@@ -220,9 +220,13 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
       for (const auto* run : pair.*side) {
         runs.push_back(run);
         const auto& of = side == &Pair::from ? comparison.from_name : comparison.to_name;
-        names.push_back(gate::name_of(*run) + (comparison.one_file ? "" : " of " + of));
-        if (gate::lacks_samples(gate::flaw_of(*run)))
-          cautions.push_back(caution_of("left out: " + names.back(), gate::unfit(*run), room));
+        names.push_back(shortened(gate::name_of(*run), room) + (comparison.one_file ? "" : " of " + of));
+        if (!gate::lacks_samples(gate::flaw_of(*run))) continue;
+        const auto missed = statistics::fates_of(*run).not_in_time;
+        cautions.push_back(caution_of(
+            "left out: " + names.back(),
+            gate::unfit(*run) + (missed > 0 ? fmt::format("; {} cycles not in time", grouped(missed)) : ""),
+            room));
       }
   const auto remarks = shared_remarks(runs);
   const auto add = [&](Remark::Weight weight) {
@@ -232,7 +236,7 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
   };
   add(Remark::Weight::not_applied);
   if (!single.empty() && any_repeated(comparison))  // else the sentence says it
-    cautions.push_back(caution_of(name_of_some(pairs, single), one_run, room));
+    cautions.push_back(caution_of(shortened(name_of_some(pairs, single), room), one_run, room));
   add(Remark::Weight::caution);
   return cautions;
 }

@@ -235,6 +235,7 @@ Fates fates_of(const Summary& summary) {
   const auto counted = unrecorded(summary.run) > 0 ? summary.run.outcome.counters : roundtrip::Counters();
   const auto late = std::max(summary.late, counted.late), lost = std::max(summary.lost, counted.lost);
   return {std::max(summary.sent, counted.sent), late, lost,
+          std::max(summary.skipped_cycles, counted.skipped_cycles),
           std::max(summary.late_by_response.value_or(0), late + lost)};
 }
 

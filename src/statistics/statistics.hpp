@@ -151,10 +151,10 @@ inline bool knows_late(const record::Run& run) {
 }
 inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
 
-// Messages, and cycles without an answer in time. Where samples are missing: at least what the client
-// counted.
+// Messages, cycles without one, and cycles without an answer in time. Where samples are missing: at least
+// what the client counted.
 struct Fates {
-  std::uint64_t sent, late, lost, not_in_time;
+  std::uint64_t sent, late, lost, skipped, not_in_time;
 };
 Fates fates_of(const Summary&);
 
