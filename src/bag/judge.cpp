@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <limits>
 
 #include <fmt/format.h>
 
@@ -13,12 +14,12 @@ namespace {
 constexpr std::uint64_t longest_leap = 1 << 20;
 // A stamp further from the recording is by another clock, such as simulated time.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
-// Messages of a topic are in order, except for small swaps by the recorder's threads. A larger step back
-// means that the recorder's clock was set back, or that this topic's times are odd. A topic of few messages,
-// such as one that each file repeats, tells nothing.
+// Messages of a topic are out of order by less than this. A larger step back means that the recorder's clock
+// was set back, or that this topic's times are odd. A topic of few messages, such as one that each file
+// repeats, tells nothing.
 constexpr std::int64_t set_back_ns = 1'000'000'000;
 constexpr std::uint64_t enough_to_tell = 8;
-constexpr std::size_t longest_swap = 4;  // messages
+constexpr std::size_t most_waiting = 128;  // messages of a topic, to be sorted
 // After 18 years of bag time, clocks that were set back extend it no further.
 constexpr std::int64_t longest_time_ns = std::int64_t{1} << 59;
 // No message of any topic for this long is worth a remark.
@@ -119,8 +120,6 @@ void Judge::end_doubt() {
       stream.last_ns -= doubt_->by_ns;
       stream.judged_ns -= doubt_->by_ns;
       for (auto& one : stream.waiting) one.at_ns -= doubt_->by_ns;
-      if (stream.behind_ns) *stream.behind_ns -= doubt_->by_ns;
-      if (stream.left_ns) *stream.left_ns -= doubt_->by_ns;
       stream.times_set = times_set_;
     }
   until_ns_ = latest_of_others(nullptr).value_or(until_ns_);
@@ -139,7 +138,7 @@ std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const 
 void Judge::end_file() {
   file_ = {};
   for (auto& [key, stream] : streams_) {
-    judge_waiting(stream, 0);
+    judge_waiting(stream, std::numeric_limits<std::int64_t>::max());
     stream.in_file = 0;
     if (!stream.sequence.has_begun()) stream.rows.restart();
   }
@@ -213,56 +212,35 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   return false;
 }
 
-// Judges periods in the order of recording. Adjacent messages that were swapped are sorted. A message from
-// further back has no period: if the next one is behind, too, the recorder's clock was set back a little.
+// Judges periods in the order of the times of recording: messages wait to be sorted. One that is behind those
+// judged has no period, and ends none.
 void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   const auto at_ns = this->at_ns(message);
-  const bool is_first = stream.messages == 0;
-  if (is_first || stream.times_set != times_set_) {
-    judge_waiting(stream, 0);
-    stream.behind_ns.reset();
-    stream.left_ns.reset();
-    if (!is_first) was_set_.add(message.topic->name);
+  const bool is_first = stream.messages == 0, begins = is_first || stream.times_set != times_set_;
+  if (begins) {
+    judge_waiting(stream, std::numeric_limits<std::int64_t>::max());
     stream.judged_ns = at_ns;
-    stream.late += was_old ? 1 : 0;
-    return;
   }
   auto& waiting = stream.waiting;
+  const auto place = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
+  const bool is_behind = at_ns < stream.judged_ns;
   // Numbers and times of writing tell the order better.
-  const bool shows_order = !stream.sequence.has_begun() && stream.latest_written_ns == 0;
-  if (stream.left_ns && ++stream.since_left > longest_swap) stream.left_ns.reset();
-  if (stream.left_ns && at_ns >= *stream.left_ns) {  // it did not: these were several from further back
-    if (shows_order) stream.reordered += stream.since_left;
-    judge_waiting(stream, 0);
-    stream.judged_ns = *std::exchange(stream.left_ns, std::nullopt);
-  }
-  if (const auto behind_ns = std::exchange(stream.behind_ns, std::nullopt)) {
-    const auto latest_ns = waiting.empty() ? stream.judged_ns : waiting.back().at_ns;
-    if (at_ns < latest_ns && at_ns - *behind_ns <= latest_ns - at_ns) {  // it goes on from there
-      judge_waiting(stream, 0);
-      stream.left_ns = stream.judged_ns;
-      stream.since_left = 1;
-      stream.judged_ns = *behind_ns;
-    } else if (shows_order) {
-      ++stream.reordered;
-    }
-  }
-  if (at_ns < stream.judged_ns) {
-    was_set_.add(message.topic->name);
-    stream.behind_ns = at_ns;
+  if (!stream.sequence.has_begun() && stream.latest_written_ns == 0 && (is_behind || place != waiting.end()))
+    ++stream.reordered;
+  if (begins || is_behind) {
+    if (!is_first) was_set_.add(message.topic->name);
     stream.late += was_old ? 1 : 0;
     return;
   }
-  const auto place = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
-  if (shows_order && place != waiting.end()) ++stream.reordered;
   waiting.insert(place, {.message = message, .at_ns = at_ns, .was_old = was_old});
-  judge_waiting(stream, longest_swap);
+  judge_waiting(stream, at_ns - set_back_ns);
 }
 
-void Judge::judge_waiting(Stream& stream, std::size_t but) {
-  while (stream.waiting.size() > but) {
-    const auto one = stream.waiting.front();
-    stream.waiting.erase(stream.waiting.begin());
+void Judge::judge_waiting(Stream& stream, std::int64_t before_ns) {
+  auto& waiting = stream.waiting;
+  while (waiting.size() > most_waiting || (!waiting.empty() && waiting.front().at_ns < before_ns)) {
+    const auto one = waiting.front();
+    waiting.pop_front();
     const auto gap_ns = one.at_ns - stream.judged_ns;
     const bool is_late = limits_.is_gap(gap_ns);
     if (is_late) miss(listen::Miss::Kind::gap, gap_ns, one.message, stream);

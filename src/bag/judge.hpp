@@ -3,6 +3,7 @@
 // bounded by most_flows.
 #pragma once
 
+#include <deque>
 #include <map>
 #include <optional>
 #include <string>
@@ -36,7 +37,7 @@ class Judge {
     std::uint64_t since = 0, times = 0;  // messages since the last time; how often in a row
     bool is_often();                     // it happens now
   };
-  // A message whose period is not judged yet: one that was written after it may be older.
+  // A message whose period is not judged yet: one that was written after it may be earlier.
   struct Waiting {
     Message message;  // of the file that is read
     std::int64_t at_ns = 0;
@@ -47,11 +48,8 @@ class Judge {
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
     std::int64_t before_last_ns = 0;         // of the message before the last; 0: no such message
-    std::vector<Waiting> waiting;            // by time, after judged_ns
+    std::deque<Waiting> waiting;             // by time, after judged_ns
     std::int64_t judged_ns = 0;              // until then its periods are judged
-    std::optional<std::int64_t> behind_ns;   // of its last message, if that was before judged_ns
-    std::optional<std::int64_t> left_ns;     // its time before the clock went back a little, if it did
-    std::uint64_t since_left = 0;            // messages, from the first that was before left_ns on
     std::uint64_t times_set = 0;             // until its last message
     std::uint64_t since_back = 0;            // messages since its times went back
     std::int64_t latest_written_ns = 0;      // by stamp or publish time
@@ -87,8 +85,8 @@ class Judge {
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   void judge_period(Stream&, const Message&, bool was_old);
-  void judge_waiting(Stream&, std::size_t but);  // all but so many
-  bool judge_age(Stream&, const Message&);       // whether it was too old
+  void judge_waiting(Stream&, std::int64_t before_ns);  // and those of which too many wait
+  bool judge_age(Stream&, const Message&);              // whether it was too old
   std::optional<std::int64_t> age_of(Stream&, const Message&);
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
   static listen::Flow flow_of(const Key&, const Stream&);
