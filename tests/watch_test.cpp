@@ -82,7 +82,7 @@ TEST_F(Following, EachLookAddsOnlyNewSamples) {
   ASSERT_EQ(progress.worst.size(), 3U);
   EXPECT_EQ(progress.worst[0].message, 7U);
   EXPECT_EQ(progress.worst[0].round_trip_ns, 20'987'654);
-  EXPECT_DOUBLE_EQ(progress.elapsed_s, 9.99);
+  EXPECT_DOUBLE_EQ(progress.elapsed_s.value(), 9.99);
 
   writer.append(run, usual(1000, 500));
   writer.flush();
@@ -156,6 +156,25 @@ TEST_F(Following, EndedRunHasTheCountsAndTheLongestWaitOfItsReport) {
   }
 }
 
+TEST_F(Following, LostMessageIsAmongTheWorstAsLongAsItsTimeOut) {
+  auto samples = usual(0, 500);
+  samples[7].fate = Fate::lost;
+  samples[7].received_ns = 0;
+  record::Writer writer(path_);
+  writer.append(writer.begin_run(asked_with_cycles(asked())), samples);
+  writer.flush();
+  Follower follower(path_);
+  EXPECT_THAT(text_of(follower.look()), HasSubstr("worst: response ≥ 500.1 ms (no answer) at 0.07 s\n"));
+  EXPECT_THAT(text_of(follower.look()), HasSubstr("worst: response 1.059 ms (round trip 987.7 µs)"));
+  EXPECT_THAT(metrics_of(follower.look()), HasSubstr("ontime_response_max_seconds"));
+
+  auto listened = asked();
+  listened["measures"] = "age";
+  writer.append(writer.begin_run(listened), samples);
+  writer.flush();
+  EXPECT_THAT(text_of(follower.look()), Not(HasSubstr("no answer"))) << "it has no time-out";
+}
+
 TEST_F(Following, CyclesAfterTheLastMessageAreCountedOnceTheRunHasEnded) {
   record::Writer writer(path_);
   Follower follower(path_);
@@ -189,10 +208,15 @@ TEST_F(Following, MissingSamplesAreCountedOnceTheRunHasEnded) {
   writer.append(run, usual(0, 500));
   writer.flush();
   EXPECT_EQ(follower.look().unrecorded, 0U);
-  writer.end_run(run, {{"sent", 700}, {"on_time", 695}, {"late", 3}, {"lost", 2}, {"dropped_records", 200}});
+  writer.end_run(run, {{"sent", 700},
+                       {"on_time", 695},
+                       {"late", 3},
+                       {"lost", 2},
+                       {"skipped_cycles", 50},
+                       {"dropped_records", 200}});
   const auto& progress = follower.look();
   const auto text = text_of(progress);
-  EXPECT_THAT(text, HasSubstr("sent 700  on time 695  late 3  lost 2 "));
+  EXPECT_THAT(text, HasSubstr("sent 700  on time 695  late 3  lost 2  skipped cycles 50\n"));
   EXPECT_THAT(text, HasSubstr("samples not recorded (missing below): 200\n"));
   const auto object = json::parse(json_of(progress));
   EXPECT_EQ(object.at("sent"), 700);
@@ -202,6 +226,71 @@ TEST_F(Following, MissingSamplesAreCountedOnceTheRunHasEnded) {
   const auto metrics = metrics_of(progress);
   for (const auto* fate : {"on_time\"} 695", "late\"} 3", "lost\"} 2"})
     EXPECT_THAT(metrics, HasSubstr(std::string("fate=\"") + fate + "\n"));
+}
+
+// Of a period of 10 ms: 9 of 3,600 were late.
+json recorded() {
+  return {{"sent", 3600},
+          {"late", 9},
+          {"loss_unknown", true},
+          {"histogram",
+           {{"values", {{10'000'000, 3591}, {28'000'000, 8}, {108'000'000, 1}}},
+            {"beyond", 0},
+            {"beyond_from_ns", 0},
+            {"max_ns", 108'000'000},
+            {"mean_ns", 10'067'222.0}}}};
+}
+
+TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
+  const auto child = measuring([](record::Writer& writer) {
+    const auto run = writer.begin_run(
+        {{"id", "/cmd_vel period"}, {"measures", "period"}, {"kept", "worst"}, {"deadline_us", 15'000}});
+    for (const std::uint64_t worst : {2000, 1000, 3000}) {  // one was examined later
+      auto around = usual(worst - 1, 3);
+      around[1].fate = Fate::late;
+      around[1].received_ns = around[1].sent_ns + (worst == 1000 ? 108'000'000 : 28'000'000);
+      writer.append(run, around);
+      writer.flush();
+    }
+    writer.note_outcome(run, recorded());
+  });
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().state, State::measuring);
+  const auto text = text_of(follower.look());
+  EXPECT_THAT(text,
+              StartsWith("run 1  /cmd_vel period  0:36  (flight recorder: counts are up to a minute old)\n"));
+  EXPECT_THAT(text, HasSubstr("sent 3600  on time unknown  late 9  lost unknown"));
+  EXPECT_THAT(text, HasSubstr("period: min 10 ms  mean 10.07 ms  max 108 ms"));
+  EXPECT_THAT(text, HasSubstr("≤ 10 ms       3591  "));
+  EXPECT_THAT(text, HasSubstr("worst: period 108 ms, message 1000\nworst: period 28 ms, message 2000\n"));
+  const auto object = json::parse(json_of(follower.look()));
+  EXPECT_NEAR(object.at("elapsed_s"), 36.242, 1e-3);
+  EXPECT_TRUE(object.at("worst")[0].at("at_s").is_null());
+  EXPECT_EQ(object.at("dropped_records"), 0);
+  kill(child);
+  EXPECT_THAT(text_of(follower.look()), StartsWith("run 1  /cmd_vel period  0:36  (ended)\n"));
+}
+
+TEST_F(Following, FlightRecordersAgesDoNotTellHowLongTheyTook) {
+  const auto child = measuring([](record::Writer& writer) {
+    const auto run = writer.begin_run({{"id", "/cmd_vel age"}, {"measures", "age"}, {"kept", "worst"}});
+    writer.append(run, usual(0, 3));
+    writer.note_outcome(run, recorded());
+  });
+  EXPECT_THAT(text_of(Follower(path_).look()), StartsWith("run 1  /cmd_vel age  (flight recorder"));
+  EXPECT_TRUE(json::parse(json_of(Follower(path_).look())).at("elapsed_s").is_null());
+  kill(child);
+}
+
+TEST_F(Following, DamagedHistogramOfAFlightRecorderIsLeftOut) {
+  record::Writer writer(path_);
+  for (const json& values :
+       {json("x"), json{{"a", 1}}, json{{1, -1}}, json{{-1, 1}}, json{1, 2}, json{{1}}}) {
+    auto outcome = recorded();
+    outcome["histogram"]["values"] = values;
+    writer.end_run(writer.begin_run({{"measures", "age"}, {"kept", "worst"}}), outcome);
+    EXPECT_THAT(text_of(Follower(path_).look()), Not(HasSubstr("mean"))) << values;
+  }
 }
 
 TEST_F(Following, SamplesThatComeAtTheEndAreReported) {

@@ -24,12 +24,13 @@ static_assert(upper[Buckets::size - 2] == 10'000'000'000);
 
 std::int64_t Buckets::upper_ns(std::size_t bucket) { return upper[bucket]; }
 
-void Buckets::add(std::int64_t ns) {
-  ++counts_[static_cast<std::size_t>(std::lower_bound(upper.begin(), upper.end(), ns) - upper.begin())];
+void Buckets::add(std::int64_t ns, std::uint64_t count) {
+  counts_[static_cast<std::size_t>(std::lower_bound(upper.begin(), upper.end(), ns) - upper.begin())] +=
+      count;
   min_ns_ = count_ == 0 ? ns : std::min(min_ns_, ns);
   max_ns_ = count_ == 0 ? ns : std::max(max_ns_, ns);
-  sum_ns_ += static_cast<double>(ns);
-  ++count_;
+  sum_ns_ += static_cast<double>(ns) * static_cast<double>(count);
+  count_ += count;
 }
 
 }  // namespace ontime::watch

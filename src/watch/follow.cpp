@@ -17,6 +17,8 @@ using statistics::between;
 using statistics::nth_after;
 
 constexpr std::int64_t may_change_ns = 2'000'000'000;  // a lost message may prove answered within this time
+// A flight recorder knows within 5 s that a message is one of the worst.
+constexpr std::int64_t may_be_kept_ns = 6'000'000'000;
 constexpr std::size_t most_worst = 3;
 
 // Whether the coordinator noted at the start that samples come after the run, so that they do not disturb the
@@ -35,20 +37,21 @@ void keep(Counted& all, const Worst& wait) {
 }
 
 void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t timeout_ns) {
+  const auto at_s = [&](std::int64_t due_ns) { return static_cast<double>(between(start_ns, due_ns)) / 1e9; };
   ++all.sent;
   all.skipped_cycles += sample.skipped_cycles;
   if (sample.skipped_cycles > 0 && !all.waiting_since_ns) all.waiting_since_ns = sample.intended_ns;
   if (sample.fate == Fate::lost) {
     ++all.lost;
     all.waited_until_ns = nth_after(sample.sent_ns, timeout_ns, 1);
+    if (timeout_ns > 0) keep(all, {{}, at_s(sample.due_ns), 0, between(sample.due_ns, all.waited_until_ns)});
     return;
   }
   ++(sample.fate == Fate::late ? all.late : all.on_time);
   const auto round_trip_ns = sample.received_ns - sample.sent_ns;
   all.round_trip.add(round_trip_ns);
   const auto due_ns = std::exchange(all.waiting_since_ns, {}).value_or(sample.due_ns);
-  keep(all, {sample.index, static_cast<double>(due_ns - start_ns) / 1e9, round_trip_ns,
-             sample.received_ns - due_ns});
+  keep(all, {sample.index, at_s(due_ns), round_trip_ns, sample.received_ns - due_ns});
 }
 
 // What no sample shows, as statistics have it: cycles skipped after the last message, and a wait that no
@@ -79,7 +82,18 @@ std::uint64_t add_unrecorded(Counted& all, const roundtrip::Counters& counted) {
   all.late = std::max(all.late, counted.late);
   all.lost = std::max(all.lost, counted.lost);
   all.on_time = all.sent - std::min(all.sent, all.late + all.lost);
+  all.skipped_cycles = std::max(all.skipped_cycles, counted.skipped_cycles);
   return missing;
+}
+
+// Where only the worst are kept, the outcome has the times of all.
+Buckets times_in(const record::Counts& counted) {
+  Buckets times;
+  for (const auto& value : counted.values)
+    if (value.is_array() && value.size() == 2 && value[0].is_number_unsigned() &&
+        value[1].is_number_unsigned())
+      times.add(value[0].get<std::int64_t>(), value[1].get<std::uint64_t>());
+  return times;
 }
 
 }  // namespace
@@ -129,21 +143,29 @@ void Follower::look_once() {
     progress_.run = newest;
   }
 
+  const bool keeps_worst = progress_.run.asked.keeps_worst();
   const auto timeout_ns = std::max<std::int64_t>(progress_.run.asked.task.client.timeout.count(), 0);
   // Settled samples are added once; newer ones are counted again at each look.
   std::deque<Sample> unsettled;
-  if (progress_.run.number > 0 && !progress_.run.asked.keeps_worst())
+  if (progress_.run.number > 0)
     reader.each_sample(progress_.run.number, next_, [&](const Sample& sample) {
       if (!start_ns_) start_ns_ = sample.intended_ns;
       unsettled.push_back(sample);
-      for (; unsettled.front().intended_ns < sample.intended_ns - may_change_ns; unsettled.pop_front()) {
+      for (; unsettled.front().intended_ns <
+             sample.intended_ns - (keeps_worst ? may_be_kept_ns : may_change_ns);
+           unsettled.pop_front()) {
         add(settled_, unsettled.front(), *start_ns_, timeout_ns);
         next_ = unsettled.front().index + 1;
       }
     });
   auto newest = settled_;
   for (const auto& sample : unsettled) add(newest, sample, *start_ns_, timeout_ns);
-  if (!unsettled.empty()) {
+  if (keeps_worst) {
+    newest.round_trip = times_in(progress_.run.outcome.histogram);
+    progress_.measured_s = newest.round_trip.sum_ns() / 1e9;  // one period begins where another one ends
+    progress_.elapsed_s.reset();
+    if (progress_.run.asked.measures == "period") progress_.elapsed_s = progress_.measured_s;
+  } else if (!unsettled.empty()) {
     const auto& last = unsettled.back();
     const auto& counted = progress_.run.outcome.counters;
     const auto since_start_s = [&](std::int64_t ns) {
@@ -155,13 +177,16 @@ void Follower::look_once() {
         std::max({last.due_ns + progress_.run.asked.task.client.period.count(), last.received_ns,
                   counted.sent > newest.sent ? 0 : counted.trailing_until_ns}));
   }
-  const bool has_ended = !is_written || progress_.run.outcome.has_ended();
+  // The outcome of a flight recorder's run is preliminary.
+  const bool has_ended = !is_written || (progress_.run.outcome.has_ended() && !keeps_worst);
   if (has_ended) add_end(newest, progress_.run, start_ns_);
   const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
-  progress_.unrecorded = progress_.run.asked.keeps_worst() ? 0 : missing;  // it was to keep no others
+  progress_.unrecorded = keeps_worst ? 0 : missing;  // it was to keep no others
   static_cast<Counted&>(progress_) = newest;
-  progress_.lost_for_good = has_ended ? newest.lost : settled_.lost;
+  progress_.lost_for_good =
+      std::max(progress_.lost_for_good, has_ended || keeps_worst ? newest.lost : settled_.lost);
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
+  if (progress_.samples_wait) progress_.elapsed_s.reset();
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);
   progress_.state = !is_written ? Progress::State::ended
                     : under_way ? Progress::State::measuring

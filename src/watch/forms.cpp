@@ -32,9 +32,8 @@ std::string clock(double seconds) {
 }
 
 std::optional<double> left_s(const Progress& progress) {
-  if (!progress.duration_s || progress.state != Progress::State::measuring || progress.samples_wait)
-    return {};
-  return std::max(*progress.duration_s - progress.elapsed_s, 0.0);
+  if (!progress.duration_s || progress.state != Progress::State::measuring || !progress.elapsed_s) return {};
+  return std::max(*progress.duration_s - *progress.elapsed_s, 0.0);
 }
 
 const char* end_of(const record::Outcome& outcome) {
@@ -53,15 +52,15 @@ std::string head_of(const Progress& progress) {
   for (const auto& part : {asked.variant, asked.task.transport})
     if (!part.empty()) text += " " + table::printable(part);
   if (asked.repetition > 1) text += fmt::format(" #{}", asked.repetition);
-  if (!progress.samples_wait) {
+  if (progress.samples_wait)
+    text += "  (measuring; samples come at the end, because ssh may use the link under test)";
+  if (progress.elapsed_s) {
     // Back to back, a complete run's last answer came a little before its end.
     const bool is_complete = outcome.has_ended() && !outcome.interrupted && !outcome.error;
     text += "  " + clock(is_complete ? std::round(std::min(progress.measured_s,
                                                            progress.duration_s.value_or(progress.measured_s)))
-                                     : progress.elapsed_s);
+                                     : *progress.elapsed_s);
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
-  } else {
-    text += "  (measuring; samples come at the end, because ssh may use the link under test)";
   }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
   if (progress.state == Progress::State::waiting)
@@ -69,6 +68,8 @@ std::string head_of(const Progress& progress) {
                                 : "  (not measuring yet)";
   else if (progress.state == Progress::State::ended)
     text += fmt::format("  ({})", end_of(outcome));
+  else if (asked.keeps_worst())
+    text += "  (flight recorder: counts are up to a minute old)";
   return text + "\n";
 }
 
@@ -141,12 +142,13 @@ std::string text_of(const Progress& progress) {
   for (const auto& worst : progress.worst)
     text += !worst.message ? fmt::format("worst: response ≥ {} (no answer) at {:.2f} s\n",
                                          time_of(worst.response_ns), worst.at_s)
-                           : fmt::format("worst: {} at {:.2f} s, message {}\n",
+                           : fmt::format("worst: {}{}, message {}\n",
                                          asked.is_listened() ? measures + " " + time_of(worst.round_trip_ns)
                                                              : fmt::format("response {} (round trip {})",
                                                                            time_of(worst.response_ns),
                                                                            time_of(worst.round_trip_ns)),
-                                         worst.at_s, *worst.message);
+                                         asked.keeps_worst() ? "" : fmt::format(" at {:.2f} s", worst.at_s),
+                                         *worst.message);
   return text;
 }
 
@@ -157,7 +159,7 @@ std::string json_of(const Progress& progress) {
   object["run"] = or_null(progress.run.number > 0, progress.run.number);
   for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = asked.stated(key);
   object["samples_wait"] = progress.samples_wait;
-  object["elapsed_s"] = or_null(!progress.samples_wait, progress.elapsed_s);
+  object["elapsed_s"] = or_null(progress.elapsed_s.has_value(), progress.elapsed_s.value_or(0));
   object["duration_s"] = or_null(progress.duration_s.has_value(), progress.duration_s.value_or(0));
   const auto left = left_s(progress);
   object["left_s"] = or_null(left.has_value(), left.value_or(0));
@@ -184,7 +186,7 @@ std::string json_of(const Progress& progress) {
   for (const auto& worst : progress.worst)
     object["worst"].push_back(
         {{"message", or_null(worst.message.has_value(), worst.message.value_or(0))},
-         {"at_s", worst.at_s},
+         {"at_s", or_null(!asked.keeps_worst(), worst.at_s)},
          {"round_trip_us", or_null(worst.message.has_value(), in_us(worst.round_trip_ns))},
          {"response_us", in_us(worst.response_ns)}});
   return object.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
@@ -213,7 +215,8 @@ std::string metrics_of(const Progress& progress) {
       {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
   for (const auto& [fate, count] : fates) text.add(run + "," + labels({{"fate", fate}}), count);
   add("skipped_cycles_total", "counter", "Cycles that passed without a message.", progress.skipped_cycles);
-  add("elapsed_seconds", "gauge", "From the first message to the newest.", progress.elapsed_s);
+  if (progress.elapsed_s)
+    add("elapsed_seconds", "gauge", "From the first message to the newest.", *progress.elapsed_s);
   if (progress.duration_s)
     add("duration_seconds", "gauge", "Requested duration of the run.", *progress.duration_s);
   const auto& times = progress.round_trip;

@@ -23,7 +23,7 @@ class Buckets {
   static constexpr std::size_t size = 23;
   // The last bucket's limit is the greatest number.
   static std::int64_t upper_ns(std::size_t bucket);
-  void add(std::int64_t ns);
+  void add(std::int64_t ns, std::uint64_t count = 1);
   const std::array<std::uint64_t, size>& counts() const { return counts_; }
   std::uint64_t count() const { return count_; }
   std::int64_t min_ns() const { return min_ns_; }  // 0 without values, as the others
@@ -56,20 +56,21 @@ struct Counted {
   std::int64_t waited_until_ns = 0;
 };
 
-// The recorded part of a run. Once its outcome is known: all messages and cycles, as the report has them.
+// The recorded part of a run. Once its outcome is known: all messages and cycles, as the report has them. Of
+// a flight recorder's run: all messages until its latest outcome, of which it writes one a minute.
 struct Progress : Counted {
   enum class State {
     waiting,  // ontime has the file open, but no run is sending messages
     measuring,
     ended,  // no process writes to the file
   } state = State::ended;
-  record::Run run;                   // the newest run; number 0: none yet
-  bool samples_wait = false;         // it is measuring, but its samples come at the end
-  std::uint64_t lost_for_good = 0;   // lost messages that can no longer prove answered
-  std::uint64_t unrecorded = 0;      // messages without a sample: their times are unknown
-  double elapsed_s = 0;              // from the first message to the newest
-  double measured_s = 0;             // until its cycle, or its wait for an answer, was over
-  std::optional<double> duration_s;  // as requested
+  record::Run run;                      // the newest run; number 0: none yet
+  bool samples_wait = false;            // it is measuring, but its samples come at the end
+  std::uint64_t lost_for_good = 0;      // lost messages that can no longer prove answered
+  std::uint64_t unrecorded = 0;         // messages without a sample: their times are unknown
+  std::optional<double> elapsed_s = 0;  // from the first message to the newest, where that is known
+  double measured_s = 0;                // until its cycle, or its wait for an answer, was over
+  std::optional<double> duration_s;     // as requested
 };
 
 // Reads new samples at each look. The file is open only during a look, so that the writer can close it as one
