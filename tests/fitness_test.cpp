@@ -21,6 +21,8 @@ using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
 
+constexpr unsigned PF_KTHREAD = 0x0020'0000;  // of the kernel's include/linux/sched.h
+
 // A machine made of files.
 class Machine : public testing::Test {
  protected:
@@ -31,10 +33,11 @@ class Machine : public testing::Test {
     fs::create_directories((root_ + path).substr(0, (root_ + path).rfind('/')));
     std::ofstream(root_ + path) << text << '\n';
   }
-  void thread(int pid, const std::string& name, int policy, int priority) {
-    // pid (comm) state … rt_priority policy …, as proc(5) counts them
+  void thread(int pid, const std::string& name, int policy, int priority, bool is_of_kernel = true) {
+    // pid (comm) state … flags … rt_priority policy …, as proc(5) counts them
     std::string text = std::to_string(pid) + " (" + name + ") S";
-    for (int field = 4; field < 40; ++field) text += " 0";
+    for (int field = 4; field < 40; ++field)
+      text += ' ' + std::to_string(field == 9 && is_of_kernel ? PF_KTHREAD : 0);
     file("/proc/" + std::to_string(pid) + "/stat",
          text + ' ' + std::to_string(priority) + ' ' + std::to_string(policy) + " 0 0 0");
   }
@@ -283,6 +286,8 @@ TEST_F(Machine, TakesPacketsIn) {
   thread(8, "napi/eth0-8193", SCHED_FIFO, 60);
   EXPECT_THAT(one("napi").is, HasSubstr("SCHED_FIFO 60"));
   EXPECT_EQ(severity("napi"), Severity::fine);
+  thread(10, "napi/eth0-8194", SCHED_OTHER, 0, false);
+  EXPECT_EQ(severity("napi"), Severity::fine) << "a program may have any name";
   interfaces_ = {"lo"};
   EXPECT_THAT(one("napi").is, HasSubstr("no threads"));
   EXPECT_EQ(severity("napi"), Severity::fine) << "as of a card that is down";
@@ -293,8 +298,15 @@ TEST_F(Machine, TakesPacketsIn) {
   EXPECT_EQ(one("napi").is, "enp129s0f0: threaded, SCHED_FIFO 60");
 
   EXPECT_THAT(found("irqbalance"), IsEmpty());
-  thread(900, "irqbalance", SCHED_OTHER, 0);
+  thread(900, "irqbalance", SCHED_OTHER, 0, false);
+  EXPECT_EQ(severity("irqbalance"), Severity::hint) << "another user's: its program cannot be read";
+  fs::create_symlink("/usr/sbin/irqbalance (deleted)", root_ + "/proc/900/exe");
   EXPECT_EQ(severity("irqbalance"), Severity::hint);
+  fs::remove(root_ + "/proc/900/exe");
+  fs::create_symlink("/usr/bin/python3", root_ + "/proc/900/exe");
+  EXPECT_THAT(found("irqbalance"), IsEmpty()) << "its name alone";
+  thread(901, "irqbalance-ui", SCHED_OTHER, 0, false);
+  EXPECT_THAT(found("irqbalance"), IsEmpty());
 }
 
 TEST_F(Machine, HasMiddlewaresWithKnownFaults) {

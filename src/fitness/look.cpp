@@ -5,7 +5,6 @@
 #include <filesystem>
 
 #include "machine/proc.hpp"
-#include "process/process.hpp"
 
 namespace ontime::fitness {
 
@@ -42,14 +41,28 @@ std::string Look::canonical(const std::string& path) const {
   return root == "/" ? found : found.substr(std::min(found.size(), root.size()));
 }
 
-std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
-  std::vector<Thread> found;
-  for (const auto& pid : names("/proc")) {
-    if (!machine::number(pid)) continue;
-    const auto stat = process::parse_stat(text("/proc/" + pid + "/stat").value_or(""));
-    if (stat && stat->name.starts_with(prefix)) found.push_back({stat->name, stat->policy, stat->priority});
-  }
+std::vector<process::Stat> Look::processes() const {
+  std::vector<process::Stat> found;
+  for (const auto& pid : names("/proc"))
+    if (machine::number(pid))
+      if (auto stat = process::parse_stat(text("/proc/" + pid + "/stat").value_or("")))
+        found.push_back(*std::move(stat));
   return found;
+}
+
+std::vector<process::Stat> Look::kernel_threads(const std::string& prefix) const {
+  auto found = processes();
+  std::erase_if(found, [&](const auto& one) { return !one.is_of_kernel() || !one.name.starts_with(prefix); });
+  return found;
+}
+
+bool Look::runs(const std::string& program) const {
+  return std::ranges::any_of(processes(), [&](const auto& one) {
+    if (one.name != program) return false;
+    std::error_code unreadable;
+    const auto path = fs::read_symlink(at("/proc/" + std::to_string(one.pid) + "/exe"), unreadable);
+    return unreadable || path.filename() == program || path.filename() == program + " (deleted)";
+  });
 }
 
 }  // namespace ontime::fitness

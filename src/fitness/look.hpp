@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fitness/fitness.hpp"
+#include "process/process.hpp"
 
 namespace ontime::fitness {
 
@@ -23,14 +24,13 @@ class Look {
   bool exists(const std::string& path) const;
   std::string canonical(const std::string& path) const;  // without the root; "" if it is not there
 
-  struct Thread {
-    std::string name;
-    int policy = 0, priority = 0;  // as sched_setscheduler(2) counts them
-  };
-  std::vector<Thread> threads(const std::string& prefix) const;
+  std::vector<process::Stat> kernel_threads(const std::string& prefix) const;
+  // Any process may have this name: where its program can be read, that counts, too.
+  bool runs(const std::string& program) const;
 
  private:
   std::string at(const std::string& path) const { return subject_.root + path; }
+  std::vector<process::Stat> processes() const;
   const Subject& subject_;
 };
 

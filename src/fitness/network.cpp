@@ -31,11 +31,11 @@ std::vector<int> interrupts_of(const Look& look, const std::string& interface) {
   }
 }
 
-bool has_priority(const Look::Thread& thread) {
+bool has_priority(const process::Stat& thread) {
   return thread.policy == SCHED_FIFO || thread.policy == SCHED_RR;
 }
 
-std::string state_of(const Look::Thread& thread) {
+std::string state_of(const process::Stat& thread) {
   return has_priority(thread)
              ? fmt::format("SCHED_{} {}", thread.policy == SCHED_FIFO ? "FIFO" : "RR", thread.priority)
              : "SCHED_OTHER";
@@ -44,7 +44,7 @@ std::string state_of(const Look::Thread& thread) {
 Finding napi_of(const Look& look, const std::string& interface) {
   if (look.number(interface_folder + interface + "/threaded").value_or(0) == 0)
     return fine(fmt::format("{}: not threaded", interface));
-  auto threads = look.threads("napi/");
+  auto threads = look.kernel_threads("napi/");
   std::erase_if(threads, [&](const auto& one) { return !settings::is_napi_thread(one.name, interface); });
   if (threads.empty())
     return fine(
@@ -89,7 +89,7 @@ Findings interrupts(const Look& look) {
     for (const int number : interrupts_of(look, interface)) {
       const auto cpus = look.text(fmt::format("/proc/irq/{}/effective_affinity_list", number));
       if (!cpus) continue;
-      const auto threads = look.threads(fmt::format("irq/{}-", number));
+      const auto threads = look.kernel_threads(fmt::format("irq/{}-", number));
       words.push_back(fmt::format("{} on CPU {}{}", number, *cpus,
                                   threads.empty() ? "" : ", thread at " + state_of(threads.front())));
     }
@@ -99,7 +99,7 @@ Findings interrupts(const Look& look) {
 }
 
 Findings interrupt_balance(const Look& look) {
-  if (look.threads("irqbalance").empty()) return {};
+  if (!look.runs("irqbalance")) return {};
   return {
       {Severity::hint, "running", "not running, or configured to ignore the link's interrupts",
        "it moves interrupts between CPUs every 10 s and undoes irq-cpus",
