@@ -19,7 +19,7 @@ import unittest
 import urllib.request
 
 from program import eventually, trace_instances
-from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, RMW_NODE, Robot, begin, changed_code, log_of
+from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, REALTIME, RMW_NODE, Robot, begin, changed_code, log_of
 
 DDS_STAND_INS = pathlib.Path(RMW_NODE).parent.parent / "tests/listen"
 
@@ -129,9 +129,9 @@ class Listen(Robot):
         self.check_chain(FASTDDS_NODE)
 
     def check_chain(self, node):
-        publisher = self.start(node, "publish", "rt/scan", MESSAGES, 1000, self.folder / "published")
-        relay = self.start(node, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
-        taker = self.start(node, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        publisher = self.start(*REALTIME, node, "publish", "rt/scan", MESSAGES, 1000, self.folder / "published")
+        relay = self.start(*REALTIME, node, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
+        taker = self.start(*REALTIME, node, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
         nodes = (publisher, relay, taker)
         listener = self.listen(nodes, "--chain", "/scan,/cmd_vel@1h", "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
@@ -185,7 +185,7 @@ class Listen(Robot):
 
     def test_thread_that_keeps_the_reader_from_its_cpu_is_named(self):
         last = os.cpu_count() - 1
-        publisher = self.start("chrt", "-f", 60, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
+        publisher = self.start(*REALTIME, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
         taker = self.start("taskset", "-c", last, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
         listener = self.listen((publisher, taker), "/cmd_vel", "--age", "5ms")
         hog = self.hog(("-f", "50"), last)
@@ -211,8 +211,8 @@ class Listen(Robot):
 
     def test_publisher_that_sleeps_accuses_no_process(self):
         # Real-time ends: what else runs on this machine does not delay them.
-        publisher = self.start("chrt", "-f", 60, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
-        taker = self.start("chrt", "-f", 60, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        publisher = self.start(*REALTIME, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
+        taker = self.start(*REALTIME, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
         listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "20ms")
         code, seen = self.end(listener, publisher, taker)
         self.assertEqual(code, 1)
