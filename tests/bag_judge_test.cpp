@@ -107,6 +107,13 @@ TEST_F(Bags, PublishTimeGivesTheAgeOfMessagesWithoutHeader) {
   EXPECT_EQ(flow.age->max_ns(), 3 * ms);
 }
 
+TEST_F(Bags, RemarkSaysWhyAMessageWithoutHeaderHasNoAge) {
+  const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + message(1, {start, start})),
+                                    {.deadline = {}, .period = {}, .age = 1ms});
+  EXPECT_FALSE(findings.flows.at(0).age);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages have no header.stamp")));
+}
+
 TEST_F(Bags, OddClocksAreRemarkedAndInventNoAge) {
   const auto scan = schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a");
   const auto findings_of = [&](std::int64_t stamp_ns) {

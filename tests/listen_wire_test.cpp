@@ -139,6 +139,13 @@ TEST_F(OnTheWire, AgeIsKnownOnOneHost) {
   EXPECT_NEAR(static_cast<double>(flow().age->max_ns()), 250e6, 1e6);
 }
 
+TEST_F(OnTheWire, MessagesWithoutAStampAmongStampedOnesAreCounted) {
+  for (unsigned number = 1; number <= 3; ++number)
+    arrive(number == 2 ? Rtps().data(number) : Rtps().stamp(1000, 0).data(number), "10.0.0.1:7411", true);
+  EXPECT_EQ(flow().age->count(), 2U);
+  EXPECT_EQ(flow().age_unknown, 1U);
+}
+
 TEST_F(OnTheWire, LateRowIsMarkedIfItsMessageHadALossRow) {
   std::vector<std::pair<std::uint64_t, bool>> back;  // index, was_lost
   std::uint64_t lost = 0;

@@ -335,6 +335,20 @@ TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
               testing::StartsWith("the age of 1 of 3 messages of /scan is unknown; 3 of 3"));
 }
 
+TEST(ListenWords, FirstMessageHasNoPeriodAndIsNotJudgedByOne) {
+  using namespace std::chrono_literals;
+  listen::Flow flow;
+  flow.reader = {0, "recorder"};
+  flow.messages = 5;
+  for (int i = 0; i < 4; ++i) flow.period.add(ms);
+  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = {}}), testing::HasSubstr("late 0 of 4 "));
+  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}),
+              testing::HasSubstr("late 0 of 4 (by period only)"));
+  flow.age.emplace();
+  for (int i = 0; i < 5; ++i) flow.age->add(ms);
+  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}), testing::HasSubstr("late 0 of 5 "));
+}
+
 TEST(ListenWords, MessagesWithoutAKnownAgeAreNotOnTimeByTheirAge) {
   using namespace std::chrono_literals;
   listen::Flow flow;

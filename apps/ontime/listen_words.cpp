@@ -125,10 +125,12 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   const auto unknown = is_age_known(flow) ? flow.age_unknown.value_or(0) : 0;
   const auto ahead = flow.stamp_ahead.value_or(0);
   const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);
-  if (limits.longest_gap() || (limits.age && !lacks_age))
-    text += fmt::format(" late {} of {}{} ", flow.late,
-                        flow.messages - flow.not_judged - (limits.longest_gap() ? 0 : unknown + ahead),
-                        lacks_age ? " (by period only)" : "");
+  const bool by_age = limits.age && !lacks_age, by_period = limits.longest_gap().has_value();
+  if (by_age || by_period)
+    text += fmt::format(
+        " late {} of {}{} ", flow.late,
+        by_age ? flow.messages - flow.not_judged - (by_period ? 0 : unknown + ahead) : flow.period.count(),
+        lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
   if (unknown > 0) text += fmt::format(" age unknown {} ", unknown);

@@ -283,7 +283,10 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
     written_ns = *message.stamp_ns;
     if (written_ns == 0) unset_.add(name);
   }
-  if (written_ns == 0) return {};
+  if (written_ns == 0) {
+    if (!message.stamp_ns) timeless_.add(name);
+    return {};
+  }
   stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
   // Without numbers, the times of writing tell the order, if they are by one clock, which was not set.
   if (std::abs(written_ns - stream.latest_written_ns) > one_year_ns || stream.times_set != times_set_)
@@ -363,6 +366,10 @@ listen::Findings Judge::findings() const {
       findings.remarks.push_back(
           fmt::format("{} messages {} (first topic: {})", oddity.messages, what, oddity.topic));
   };
+  // rosbag2 notes the time of recording as publish time where the middleware gives none: no age begins there.
+  if (limits_.age)
+    remark(timeless_,
+           "have no header.stamp and no publish time, or one equal to their recording: their age is unknown");
   remark(unset_, "have a header.stamp of 0: their age is unknown");
   remark(
       foreign_clock_,

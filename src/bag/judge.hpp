@@ -119,7 +119,7 @@ class Judge {
   std::uint64_t pauses_ = 0;  // of all topics
   std::int64_t longest_pause_ns_ = 0;
   std::uint64_t left_out_ = 0;
-  Oddity unset_, foreign_clock_, ahead_, was_set_, mixed_;
+  Oddity timeless_, unset_, foreign_clock_, ahead_, was_set_, mixed_;
 };
 
 }  // namespace ontime::bag

@@ -93,8 +93,8 @@ struct Flow {
   Distribution period{};
   std::optional<Distribution> age{};  // empty: no writer's stamp by this machine's clock
   AgeFrom age_from = AgeFrom::writer;
-  // Messages of a bag: without a known age; with a stamp later than their recording, whose age counts as 0.
-  // Empty: no bag.
+  // Messages without a known age, of a bag or of one host's packets; of a bag, with a stamp later than their
+  // recording, whose age counts as 0. Empty: of another source.
   std::optional<std::uint64_t> age_unknown{}, stamp_ahead{};
   std::optional<std::chrono::nanoseconds> chain_limit{};  // of the age, where it is of a chain
   std::optional<std::uint64_t> lost{};                    // empty: the sensor cannot tell

@@ -152,6 +152,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     keep_losses(stream, at_ns, data.sequence);
   }
   stream.late += is_late ? 1 : 0;
+  stream.without_stamp += data.stamp_ns ? 0 : 1;
 }
 
 // A later GAP may still tell that earlier numbers were never sent.
@@ -193,6 +194,7 @@ Findings Wire::findings() const {
          .last_ns = stream.last_ns,
          .period = stream.period,
          .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
+         .age_unknown = stream.is_one_host ? std::optional(stream.without_stamp) : std::nullopt,
          .lost = stream.sequence.lost(),
          .duplicated = stream.duplicated,
          .reordered = stream.reordered,

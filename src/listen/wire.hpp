@@ -54,7 +54,7 @@ class Wire {
     std::string source;
     Distribution period, age;
     bool is_one_host = false;
-    std::uint64_t duplicated = 0, reordered = 0, late = 0;
+    std::uint64_t duplicated = 0, reordered = 0, late = 0, without_stamp = 0;
     std::deque<Partial> partial;  // in order of arrival
   };
   Stream* stream_of(const rtps::Guid&);
