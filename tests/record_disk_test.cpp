@@ -184,11 +184,11 @@ TEST_F(RecordTest, MigrationThatIsCutOffAnywhereCostsNothing) {
     EXPECT_THAT(error, ::testing::AnyOf("", HasSubstr("rolled back"))) << step;
     const auto version = query(path_, "PRAGMA user_version");
     EXPECT_EQ(query(path_, "SELECT count(*) FROM pragma_table_info('sample') WHERE name = 'passed_wake_ns'"),
-              version == "3" ? "1" : "0");
-    if (version == "3") {
+              version == "4" ? "1" : "0");
+    if (version == "4") {
       EXPECT_EQ(query(path_, "SELECT count(*) FROM run WHERE key = ''"), "0");
     }
-    ++(version == "3" ? migrated : not_migrated);
+    ++(version == "4" ? migrated : not_migrated);
     as_it_was_or_will_be(Writer(path_).reader());
     EXPECT_THAT(query(path_, "SELECT key FROM run WHERE number = 4"), Not(IsEmpty()));
     EXPECT_EQ(query(path_, "PRAGMA integrity_check"), "ok");

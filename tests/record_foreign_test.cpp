@@ -15,7 +15,7 @@ TEST_F(RecordTest, ForeignFileIsRefusedAndLeftAlone) {
   const auto other = (folder_ / "other.db").string();
   query(other, "CREATE TABLE bookmark (url TEXT)");
   const auto newer = made("newer.db", results);
-  query(newer, "PRAGMA user_version = 4");
+  query(newer, "PRAGMA user_version = 5");
   const auto cut = made("cut.db", results.substr(0, 5000));
   const struct {
     std::string path, found;
@@ -167,13 +167,13 @@ TEST_F(Format1, TakesNewRuns) {
     EXPECT_EQ(reader.notes(5).size(), 1u);
     EXPECT_EQ(reader.notes(1).at(0).text, "of an old run");
   }
-  EXPECT_EQ(query(path_, "PRAGMA user_version"), "3");
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "4");
   EXPECT_EQ(query(path_, "SELECT key FROM run WHERE number = 3"), "cef90dcf372a29afca060c3075a906b0");
   EXPECT_EQ(query(path_, "SELECT passed_wake_us FROM message WHERE run = 5"), "4.711");
   EXPECT_EQ(query(path_, "PRAGMA integrity_check"), "ok");
   Writer(killed_).begin_run({});
   EXPECT_EQ(samples_of(Reader(killed_), 1).size(), 110u);
-  EXPECT_EQ(query(killed_, "PRAGMA user_version"), "3");
+  EXPECT_EQ(query(killed_, "PRAGMA user_version"), "4");
 }
 
 TEST_F(Format1, BecomesLikeAFileMadeNow) {
@@ -226,7 +226,7 @@ TEST_F(RecordTest, Format2IsReadAndTakesTraces) {
     expect_as_measured(writer.reader());
     writer.trace(2, trace);
   }
-  EXPECT_EQ(query(path_, "PRAGMA user_version"), "3");
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "4");
   std::size_t traces = 0;
   Reader(path_).each_trace(2, [&](const Trace& read) {
     ++traces;
@@ -242,6 +242,38 @@ TEST_F(RecordTest, Format2IsReadAndTakesTraces) {
   EXPECT_THAT(error_with("UPDATE trace SET message = 4"), HasSubstr("another message"));
   EXPECT_THAT(error_with("UPDATE trace SET events = '[]'"), HasSubstr("trace of message 4"));
   EXPECT_THAT(error_with("UPDATE trace SET events = '{'"), HasSubstr("JSON"));
+}
+
+// A results file of format 3, of a bag: it takes causes once it is written to.
+TEST_F(RecordTest, Format3IsReadAndTakesCauses) {
+  fs::copy_file(fs::path(ONTIME_TEST_DATA) / "format3.db", path_);
+  const auto expect_as_noted = [](const Reader& reader) {
+    const auto notes = reader.notes(1);
+    ASSERT_GE(notes.size(), 1u);
+    EXPECT_EQ(notes[0].text, "open: --age: the age of 1 of 5 messages of /scan is unknown");
+    EXPECT_FALSE(notes[0].cause);
+    EXPECT_EQ(samples_of(reader, 2).size(), 4u);
+  };
+  expect_as_noted(Reader(path_));
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "3");
+  {
+    Writer writer(path_);
+    expect_as_noted(writer.reader());
+    writer.note(1, {cause_of_late, "6.0 ms old", 5, 3, LateCause{.sentence = "a; fix: b", .cpu = 1}});
+  }
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "4");
+  expect_as_noted(Reader(path_));
+  const auto cause = Reader(path_).notes(1).at(1).cause;
+  ASSERT_TRUE(cause);
+  EXPECT_EQ(cause->sentence, "a; fix: b");
+  EXPECT_EQ(cause->cpu, 1);
+  EXPECT_EQ(query(path_, "SELECT count(*) FROM note WHERE cause IS NULL"), "1");
+  for (const auto* odd : {"[]", "5", "{\"value_ns\": \"x\"}"}) {
+    query(path_, fmt::format("UPDATE note SET cause = '{}' WHERE number = 2", odd).c_str());
+    EXPECT_EQ(Reader(path_).notes(1).at(1).cause->value_ns, 0) << odd;
+  }
+  query(path_, "UPDATE note SET cause = '{' WHERE number = 2");
+  EXPECT_THAT(error_of([&] { Reader(path_).notes(1); }), HasSubstr("JSON"));
 }
 
 // Files that say they are ours, and are not.
@@ -282,7 +314,7 @@ TEST_F(Foreign, UnknownFormatsAreRefused) {
   EXPECT_THAT(error_after("PRAGMA user_version = -1"), HasSubstr("format -1, which no ontime writes"));
   EXPECT_THAT(error_after("PRAGMA user_version = 2000000000"), HasSubstr("from a newer ontime"));
   const auto path = (folder_ / "changed.db").string();
-  for (const auto* version : {"0", "-1", "4"}) {
+  for (const auto* version : {"0", "-1", "5"}) {
     query(path, std::string("PRAGMA user_version = ") + version);
     const auto before = bytes_of(path);
     EXPECT_THAT(error_of([&] { Writer writer(path); }), HasSubstr(std::string("format ") + version));
@@ -296,6 +328,7 @@ TEST_F(Foreign, OtherTables) {
            std::string("DROP TABLE run"),
            std::string("DROP TABLE sample"),
            std::string("DROP TABLE note"),
+           std::string("ALTER TABLE note DROP COLUMN cause"),
            std::string("ALTER TABLE sample RENAME COLUMN fate TO fete"),
            std::string("ALTER TABLE run RENAME COLUMN key TO kee"),
            remake + "CREATE VIEW sample AS SELECT * FROM old",

@@ -57,7 +57,7 @@ class Recorder : public record::RecordTest {
                                        .what = "S"});
     miss.surroundings = around;
     miss.course.taken_ns = now_ns_;
-    miss.why = listen::Why{.is_seen = true, .cause = "cpu", .sentence = "the reader waited"};
+    miss.why = listen::Why{.is_seen = true, .cause = "cpu", .sentence = "the reader waited", .ns = 4 * ms};
     return miss;
   }
 
@@ -238,6 +238,21 @@ TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
     ++traces;
   });
   EXPECT_EQ(traces, 1u);
+}
+
+TEST_F(Recorder, CauseNamesItsMessage) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true);
+  for (const auto ns : {50 * ms, 70 * ms, 50 * ms}) period(results, 1, ns);
+  results.note(miss(1, 70 * ms));
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false);
+  const auto note = record::Reader(path_).notes(1).at(0);
+  EXPECT_EQ(note.message, 1u);
+  ASSERT_TRUE(note.cause);
+  EXPECT_EQ(note.cause->ns, 4 * ms);
+  EXPECT_EQ(note.text, "70.0 ms after the previous message (limit 60 ms): the reader waited: 4.0 ms");
 }
 
 TEST_F(Recorder, ExaminedMessagesAreCountedByWhetherTheirCauseWasSeen) {

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "report/causes.hpp"
 #include "report/explained.hpp"
 #include "report_fixture.hpp"
 #include "table/table.hpp"
@@ -109,22 +110,39 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
 }
 
+record::Note late_by(const record::LateCause& cause, std::optional<std::uint64_t> message = {}) {
+  return {record::cause_of_late, text_of(cause), static_cast<std::int64_t>(message.value_or(0)), message,
+          cause};
+}
+
 TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
   one.account.late = 4;
-  const auto add = [&](const std::string& took, const std::string& hog, const std::string& waited, int cpu,
-                       std::uint64_t message) {
-    const auto text = fmt::format(
-        "{} ms old (limit 5 ms): node [7] (thread recv), SCHED_OTHER, waited for a CPU while {} ran: {} ms, "
-        "CPU {}; fix: SCHED_FIFO for node [7] (chrt -a -f -p 50 7), or other CPUs for {} (taskset)",
-        took, hog, waited, cpu, hog);
-    one.notes.push_back({record::cause_of_late, text, static_cast<std::int64_t>(message), message});
+  const auto add = [&](double took_ms, const std::string& hog, const std::string& number, double waited_ms,
+                       int cpu, std::uint64_t message) {
+    const auto waits = [](const std::string& other) {
+      return fmt::format("node [7] (thread recv), SCHED_OTHER, waited for a CPU while {} ran", other);
+    };
+    const auto fix = [](const std::string& other) {
+      return fmt::format("SCHED_FIFO for node [7] (chrt -a -f -p 50 7), or other CPUs for {} (taskset)",
+                         other);
+    };
+    one.notes.push_back(late_by({.measures = "age",
+                                 .value_ns = static_cast<std::int64_t>(took_ms * 1e6),
+                                 .limit_ns = 5'000'000,
+                                 .sentence = waits(hog + number),
+                                 .fix = fix(hog + number),
+                                 .alike = waits(hog),
+                                 .alike_fix = fix(hog),
+                                 .ns = static_cast<std::int64_t>(waited_ms * 1e6),
+                                 .cpu = cpu},
+                                message));
   };
-  add("16.1", "idler [9]", "15.0", 1, 4);
-  add("34.4", "hog [21]", "17.1", 1, 12);
-  add("6.1", "hog [22]", "4.0", 0, 8);
-  add("20.0", "hog", "15.9", 1, 30);  // it ended before its process was found
+  add(16.1, "idler", " [9]", 15.0, 1, 4);
+  add(34.4, "hog", " [21]", 17.1, 1, 12);
+  add(6.1, "hog", " [22]", 4.0, 0, 8);
+  add(20.0, "hog", "", 15.9, 1, 30);  // it ended before its process was found
   const auto text = render_explained({one}, Format::table);
   for (const auto& line : table::split(text, '\n')) EXPECT_LE(table::width_of(line), 80) << line;
   const auto one_line = std::regex_replace(text, std::regex("\\s+"), " ");
@@ -137,36 +155,30 @@ TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
   EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
 }
 
-TEST(OwnMessages, AnotherNumberOfCulpritsIsNoOtherCause) {
+TEST(OwnMessages, TextOfANoteIsNoAdviceAndNoOtherNotesCause) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
-  one.account.late = 2;
-  for (const auto* const others : {"7", "9"})
-    one.notes.push_back({record::cause_of_late,
-                         fmt::format("6.0 ms old: a [7] waited while {} others (longest: b) ran", others),
-                         {},
-                         {}});
-  EXPECT_THAT(render_explained({one}, Format::table),
-              HasSubstr("2  6.0 ms old: a [7] waited while others (longest"));
-}
-
-TEST(OwnMessages, TextOfAForeignFileWithNulIsAnotherCause) {
-  Explained one;
-  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
-  one.account.late = 2;
-  using namespace std::string_literals;
-  one.notes.push_back({record::cause_of_late, "\0 ms old"s, {}, {}});
-  one.notes.push_back({record::cause_of_late, "6.0 ms old", {}, {}});
-  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("1  6.0 ms old"));
+  one.account.late = 3;
+  const std::string text = "6.0 ms old: a was frozen; fix: thaw it";
+  one.notes.assign(2, {record::cause_of_late, text, {}, {}});  // of an older ontime, or of another program
+  one.notes.push_back(late_by({.measures = "period", .sentence = "x; fix: y", .alike = "x; fix: y"}));
+  const auto told = render_explained({one}, Format::table);
+  EXPECT_THAT(told, HasSubstr("   2  " + text + "\n"));
+  EXPECT_THAT(told, HasSubstr("   1  0.0 ms after the previous message (limit 0 ms): x; fix: y\n"));
 }
 
 TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
   one.account.late = 2;
-  const std::string text = "  6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it";
   for (const auto* const second : {"01", "02"})
-    one.notes.push_back({record::cause_of_late, std::string("2026-11-27 14:00:") + second + text, {}, {}});
+    one.notes.push_back(late_by({.measures = "age",
+                                 .date = std::string("2026-11-27 14:00:") + second,
+                                 .value_ns = 6'000'000,
+                                 .limit_ns = 5'000'000,
+                                 .sentence = "a [7] was frozen, and b [8] thawed it",
+                                 .alike = "a [7] was frozen, and b thawed it"}));
+  EXPECT_THAT(one.notes[0].text, testing::StartsWith("2026-11-27 14:00:01  6.0 ms old"));
   const auto one_line = std::regex_replace(render_explained({one}, Format::table), std::regex("\\s+"), " ");
   EXPECT_THAT(one_line, HasSubstr(" 2 6.0 ms old (limit 5 ms): a [7] was frozen, and b [8] thawed it; "
                                   "2026-11-27 14:00:01 "));

@@ -384,13 +384,18 @@ TEST(Remarks, TellNotesWithTheirMoment) {
 
 TEST(Remarks, TellACauseOnceForAllItsMessages) {
   auto one = summary(asked("a", "udp"), outcome());
-  for (const auto* const took : {"6.0", "31.5", "9.1"})
-    one.notes.push_back(
-        {record::cause_of_late, fmt::format("{} ms old: a [7] was frozen; fix: thaw it", took), {}, 3});
-  EXPECT_THAT(remarks(one), HasSubstr("3 messages: 6.0 to 31.5 ms old: a [7] was frozen; fix: thaw it"));
-  one.notes.assign(3000, one.notes.front());
+  for (const std::int64_t took_us : {6000, 31'500, 9100})
+    one.notes.push_back({record::cause_of_late,
+                         "late",
+                         {},
+                         3,
+                         record::LateCause{.measures = "age",
+                                           .value_ns = 1000 * took_us,
+                                           .limit_ns = 5'000'000,
+                                           .sentence = "a [7] was frozen",
+                                           .fix = "thaw it"}});
   EXPECT_THAT(remarks(one),
-              HasSubstr("1000 messages: 6.0 ms old: a [7] was frozen; fix: thaw it; 2000 more notes"));
+              HasSubstr("3 messages: 6.0 to 31.5 ms old (limit 5 ms): a [7] was frozen; fix: thaw it"));
 }
 
 TEST(Remarks, RateIsNotReachedFromFivePercentOfSkippedCyclesOn) {

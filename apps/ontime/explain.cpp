@@ -63,17 +63,7 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
 // stays.
 std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
   auto notes = reader.notes(run.number);
-  if (!run.asked.is_listened()) return notes;
-  if (!run.asked.keeps_worst()) {
-    std::map<std::int64_t, record::Note*> taken;  // by when its message was taken
-    for (auto& note : notes)
-      if (note.at_ns && record::tells_of_late(note)) taken[*note.at_ns] = &note;
-    reader.each_sample(run.number, [&](const auto& sample) {
-      if (const auto found = taken.find(sample.received_ns); found != taken.end())
-        found->second->message = sample.index;
-    });
-    return notes;
-  }
+  if (!run.asked.keeps_worst()) return notes;
   std::map<std::uint64_t, std::int64_t> values_ns;
   reader.each_sample(run.number, [&](const auto& sample) {
     if (sample.fate == roundtrip::Fate::late) values_ns[sample.index] = sample.received_ns - sample.sent_ns;
@@ -85,8 +75,7 @@ std::vector<record::Note> notes_of(const record::Reader& reader, const record::R
     std::erase_if(notes, [&](const auto& note) {
       return note.kind == record::cause_of_late && note.message == message;
     });
-    notes.push_back({miss->why->is_seen ? record::cause_of_late : record::cause_not_seen,
-                     dated_line_of(*miss, run.asked.task.client.deadline), miss->course.taken_ns, message});
+    notes.push_back(note_of(*miss, run.asked.task.client.deadline, true, message));
   });
   std::ranges::stable_sort(notes, std::greater(), [&](const record::Note& note) {
     const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();

@@ -193,26 +193,26 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
 void ListenResults::note(const listen::Miss& miss) {
   if (!failure_.empty()) return;
   const bool is_age = miss.kind == listen::Miss::Kind::age;
-  std::optional<record::Note> cause;
-  if (miss.why && (miss.why->is_seen || !keeps_worst_)) {  // of the worst, `explain` looks at the trace again
-    const auto limit = (is_age ? limits_.age : limits_.longest_gap()).value_or(0ns);
-    cause = record::Note{miss.why->is_seen ? record::cause_of_late : record::cause_not_seen,
-                         keeps_worst_ ? dated_line_of(miss, limit) : listen::line_of(miss, limit),
-                         miss.course.taken_ns, std::nullopt};
-  }
   const auto quantity = is_age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
   if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
-  if (!keeps_worst_) {
+  const auto row_in = [&](const auto& rows) -> std::optional<roundtrip::Sample> {
+    const auto row = std::find_if(rows.rbegin(), rows.rend(), [&](const auto& sample) {
+      return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns;
+    });
+    return row == rows.rend() ? std::nullopt : std::optional(*row);
+  };
+  const auto row = keeps_worst_ ? row_in(kept.latest) : row_in(kept.samples);
+  std::optional<record::Note> cause;
+  if (miss.why && (miss.why->is_seen || !keeps_worst_))  // of the worst, `explain` looks at the trace again
+    cause = note_of(miss, (is_age ? limits_.age : limits_.longest_gap()).value_or(0ns), keeps_worst_,
+                    row ? std::optional(row->index) : std::nullopt);
+  if (keeps_worst_) {
+    if (row) keep(kept, *row, &miss, std::move(cause));
     // Causes that were not seen leave space for those that were.
-    if (cause && kept.notes.size() < (miss.why->is_seen ? most_notes : most_notes / 2))
-      kept.notes.push_back(*cause);
-    return;
+  } else if (cause && kept.notes.size() < (miss.why->is_seen ? most_notes : most_notes / 2)) {
+    kept.notes.push_back(*cause);
   }
-  const auto row = std::find_if(kept.latest.rbegin(), kept.latest.rend(), [&](const auto& sample) {
-    return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns;
-  });
-  if (row != kept.latest.rend()) keep(kept, *row, &miss, std::move(cause));
 }
 
 void ListenResults::keep(Kept& kept, const roundtrip::Sample& sample, const listen::Miss* miss,
@@ -231,7 +231,6 @@ void ListenResults::keep(Kept& kept, const roundtrip::Sample& sample, const list
   for (const auto& one : kept.latest)
     if (std::abs(static_cast<std::int64_t>(one.index) - index) <= record::samples_around)
       bad.around.push_back(one);
-  if (bad.cause) bad.cause->message = sample.index;
   bad.trace.host = record::both_hosts[0];
   if (miss != nullptr && miss->surroundings) {
     bad.trace.window = miss->surroundings->window;
@@ -277,8 +276,7 @@ json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   json outcome{{"loss_unknown", !is_age || !kept.counted.lost}};
   if (is_age)
     outcome.update({{"duplicates", kept.counted.duplicated}, {"reordered", kept.counted.reordered}});
-  if (const auto& [seen, not_seen] = kept.causes; seen + not_seen > 0)
-    outcome["causes"] = {{"seen", seen}, {"not_seen", not_seen}};
+  if (kept.causes.seen + kept.causes.not_seen > 0) outcome["causes"] = record::to_json(kept.causes);
   // Losses without rows: too many in a row, or too close to the end.
   const auto lost = is_age ? static_cast<std::int64_t>(kept.counted.lost.value_or(0)) : 0;
   const auto missing = std::max<std::int64_t>(lost - kept.lost, 0);

@@ -8,6 +8,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "report/causes.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -41,10 +42,15 @@ std::string age_of(const listen::Flow& flow) {
          spread_of(*flow.age);
 }
 
+std::string sentence_of(const listen::Why& why) {
+  return why.sentence + (why.ns > 0 ? fmt::format(": {:.1f} ms", static_cast<double>(why.ns) / 1e6) : "") +
+         (why.cpu ? fmt::format(", CPU {}", *why.cpu) : "");
+}
+
 ordered_json json_of(const listen::Why& why) {
   return {{"seen", why.is_seen},
           {"cause", why.cause},
-          {"sentence", why.sentence},
+          {"sentence", sentence_of(why)},
           {"fix", why.fix},
           {"victim", json_of(why.victim)},
           {"thread", why.thread},
@@ -142,11 +148,25 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
 
-std::string dated_line_of(const listen::Miss& miss, std::chrono::nanoseconds limit) {
+record::Note note_of(const listen::Miss& miss, std::chrono::nanoseconds limit, bool with_date,
+                     std::optional<std::uint64_t> message) {
   const std::chrono::sys_seconds at(
       std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(miss.at_ns)));
-  return fmt::format("{:%F %T}  {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                     listen::line_of(miss, limit));
+  const auto& why = *miss.why;
+  const record::LateCause cause{
+      .measures = miss.kind == listen::Miss::Kind::age ? "age" : "period",
+      .date =
+          with_date ? fmt::format("{:%F %T}", fmt::localtime(std::chrono::system_clock::to_time_t(at))) : "",
+      .value_ns = miss.value_ns,
+      .limit_ns = limit.count(),
+      .sentence = why.sentence,
+      .fix = why.fix,
+      .alike = why.alike,
+      .alike_fix = why.alike_fix,
+      .ns = why.ns,
+      .cpu = why.cpu};
+  return {why.is_seen ? record::cause_of_late : record::cause_not_seen, report::text_of(cause),
+          miss.course.taken_ns, message, cause};
 }
 
 std::string text_of(const listen::Miss& miss, std::size_t width) {
@@ -154,7 +174,7 @@ std::string text_of(const listen::Miss& miss, std::size_t width) {
   auto says = fmt::format("{}  {}: {} ms {}", topic_of(miss.topic),
                           words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
                           miss.kind == listen::Miss::Kind::age ? "old" : "after the previous message");
-  if (miss.why) says += fmt::format(": {}", table::printable(miss.why->sentence));
+  if (miss.why) says += fmt::format(": {}", table::printable(sentence_of(*miss.why)));
   auto text = table::labelled(clock_of(miss.at_ns), says, column, width);
   if (miss.why && !miss.why->fix.empty())
     text += table::labelled("", "fix: " + table::printable(miss.why->fix), column, width);

@@ -3,11 +3,14 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
+#include <optional>
 #include <string>
 
 #include <nlohmann/json.hpp>
 
 #include "listen/listen.hpp"
+#include "record/record.hpp"
 
 namespace ontime::app {
 
@@ -24,8 +27,9 @@ bool is_age_known(const listen::Flow&);
 std::string open_age_of(const listen::Flow&);  // why a limit of its age is open; "": it is not
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&, std::size_t width);
-// line_of() with the date, to be read weeks later.
-std::string dated_line_of(const listen::Miss&, std::chrono::nanoseconds limit);
+// Why it was late, for a results file. With the date: to be read weeks later. It must have a `why`.
+record::Note note_of(const listen::Miss&, std::chrono::nanoseconds limit, bool with_date,
+                     std::optional<std::uint64_t> message);
 nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);

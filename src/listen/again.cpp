@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <limits>
 
-#include <fmt/format.h>
-
 #include "listen/listen.hpp"
 #include "listen/why.hpp"
 
@@ -91,13 +89,6 @@ std::optional<Miss> explained_again(const json& way, const trace::Window& window
   return {};
 } catch (const json::exception&) {
   return {};
-}
-
-std::string line_of(const Miss& miss, std::chrono::nanoseconds limit) {
-  return fmt::format("{:.1f} ms {} (limit {:g} ms): {}{}", static_cast<double>(miss.value_ns) / 1e6,
-                     miss.kind == Miss::Kind::age ? "old" : "after the previous message",
-                     static_cast<double>(limit.count()) / 1e6, miss.why->sentence,
-                     miss.why->fix.empty() ? "" : "; fix: " + miss.why->fix);
 }
 
 }  // namespace ontime::listen

@@ -169,13 +169,16 @@ struct Course {
 
 // Why a message was late.
 struct Why {
-  bool is_seen = false;       // false: no event of the kernel shows enough of it
-  std::string cause{};        // explain's word for it
-  std::string sentence{};     // for people: what held up which thread for how long
-  std::string fix{};          // may be empty
+  bool is_seen = false;    // false: no event of the kernel shows enough of it
+  std::string cause{};     // explain's word for it
+  std::string sentence{};  // for people: what held up which thread; without times
+  std::string fix{};       // may be empty
+  // The same without details that messages of one cause differ in, such as the number of another process.
+  std::string alike{}, alike_fix{};
   Party victim{}, culprit{};  // processes; empty if unknown
   std::int32_t thread = 0;
-  std::int64_t ns = 0;  // of the delay, by this cause
+  std::int64_t ns = 0;  // of the delay, by this cause; 0: not seen
+  std::optional<int> cpu{};
 };
 
 // What the kernel did around a message, from before its delay until window_after_ns after it was taken.
@@ -203,8 +206,6 @@ nlohmann::json way_of(const Miss&);
 // Rebuilds the miss and its cause from both. Empty: the window lacks a part of the miss's time, or the JSON
 // is invalid.
 std::optional<Miss> explained_again(const nlohmann::json& way, const trace::Window&);
-// One line, "26.1 ms old (limit 5 ms): …". The miss must have a `why`.
-std::string line_of(const Miss&, std::chrono::nanoseconds limit);
 
 // One quantity of one message, as a results file keeps it.
 struct Row {

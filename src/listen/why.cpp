@@ -53,6 +53,13 @@ struct Step {
   std::int64_t from_ns, to_ns;
 };
 
+Why not_seen(const std::string& known, const std::string& alike = "") {
+  const std::string prefix = "cause not seen: ";
+  return {.cause = explain::word_of(Cause::unknown),
+          .sentence = prefix + known,
+          .alike = prefix + (alike.empty() ? known : alike)};
+}
+
 class Search {
  public:
   Search(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of)
@@ -144,17 +151,12 @@ class Search {
       same->ns += part.ns;
   }
 
-  // Any process names itself: its name must not look like the advice that follows a ';'.
-  static std::string word_of(std::string name) {
-    std::ranges::replace(name, ';', '?');
-    return name;
-  }
-
-  static std::string words_of(const Party& process, const std::string& thread, std::int32_t id) {
-    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : word_of(thread);
+  static std::string words_of(const Party& process, const std::string& thread, std::int32_t id,
+                              bool with_number = true) {
+    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : thread;
     const bool is_one_name = thread.empty() || thread == process.name;
-    return fmt::format("{} [{}]{}", word_of(process.name), process.process,
-                       is_one_name ? "" : fmt::format(" (thread {})", word_of(thread)));
+    return process.name + (with_number ? fmt::format(" [{}]", process.process) : "") +
+           (is_one_name ? "" : fmt::format(" (thread {})", thread));
   }
 
   static std::string policy_of(std::int32_t priority) {
@@ -163,24 +165,31 @@ class Search {
                                             : "SCHED_OTHER";
   }
 
-  Why seen(Part part) const {
+  // `alike`: the culprit without details, if it is no thread.
+  Why seen(Part part, const std::string& alike = "") const {
     Why why{.is_seen = true,
             .cause = explain::word_of(part.cause),
             .victim = owner(part.thread_id),
             .thread = part.thread_id,
             .ns = part.ns};
-    const auto victim = words_of(why.victim, timeline_.name_of(part.thread_id), part.thread_id);
+    const auto victim =
+        fmt::format("{}, {},", words_of(why.victim, timeline_.name_of(part.thread_id), part.thread_id),
+                    policy_of(part.priority));
+    auto without_details = part;
+    if (!alike.empty()) without_details.culprit = alike;
     if (!part.culprit_threads.empty()) {
       const auto thread = part.culprit_threads.front();
       why.culprit = owner(thread);
       part.culprit = words_of(why.culprit, part.culprit, thread);
+      without_details.culprit =
+          words_of(why.culprit, without_details.culprit, thread, why.culprit == why.victim);
     }
-    why.sentence = fmt::format(
-        "{}: {:.1f} ms", explain::sentence_of(part, fmt::format("{}, {},", victim, policy_of(part.priority))),
-        static_cast<double>(part.ns) / 1e6);
+    why.sentence = explain::sentence_of(part, victim);
+    why.alike = explain::sentence_of(without_details, victim);
     if (!part.when.empty() && part.when.front().cpu >= 0 && part.cause != Cause::busy)
-      why.sentence += fmt::format(", CPU {}", part.when.front().cpu);
+      why.cpu = part.when.front().cpu;
     why.fix = fix_of(part, why.victim);
+    why.alike_fix = fix_of(without_details, why.victim);
     return why;
   }
 
@@ -233,25 +242,24 @@ class Search {
     if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
     auto whole = *most;
     whole.ns = all_ns;
-    whole.culprit = fmt::format("{} others (longest: {})", names.size(), most->culprit);
+    const auto others = fmt::format("others (longest: {})", most->culprit);
+    whole.culprit = fmt::format("{} {}", names.size(), others);
     whole.culprit_threads.clear();
-    return seen(whole);
+    return seen(whole, others);
   }
 
   // What is known without a cause.
   Why unseen() const {
-    Why why{.cause = explain::word_of(Cause::unknown), .sentence = "cause not seen: "};
     const auto& writer = miss_.writer;
     if (leg_.is_publishers)
-      why.sentence += fmt::format("{} [{}] published it late, and no kernel event explains why", writer.name,
-                                  writer.process);
-    else if (miss_.course.missing > 0)
-      why.sentence += fmt::format("{} messages before it were published and not taken", miss_.course.missing);
-    else if (writer.process == 0)
-      why.sentence += "its writer is unknown on this machine, and its reader was not delayed";
-    else
-      why.sentence += "no kernel event explains the delay between writer and reader";
-    return why;
+      return not_seen(fmt::format("{} [{}] published it late, and no kernel event explains why", writer.name,
+                                  writer.process));
+    if (miss_.course.missing > 0)
+      return not_seen(fmt::format("{} messages before it were published and not taken", miss_.course.missing),
+                      "messages before it were published and not taken");
+    if (writer.process == 0)
+      return not_seen("its writer is unknown on this machine, and its reader was not delayed");
+    return not_seen("no kernel event explains the delay between writer and reader");
   }
 
   const Miss& miss_;
@@ -281,13 +289,11 @@ Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) 
   const auto usual_ns = miss.course.usual_ns;
   const bool is_gap = miss.kind == Miss::Kind::gap;
   if (usual_ns > 0 && 10 * (miss.value_ns - usual_ns) < miss.value_ns)
-    return {.cause = explain::word_of(Cause::unknown),
-            .sentence = fmt::format("cause not seen: this topic's messages {} {:.1f} ms {}",
-                                    is_gap ? "usually come" : "are usually",
-                                    static_cast<double>(usual_ns) / 1e6, is_gap ? "apart" : "old")};
-  if (!window.whole)
-    return {.cause = explain::word_of(Cause::unknown),
-            .sentence = "cause not seen: some kernel events of that time are missing"};
+    return not_seen(
+        fmt::format("this topic's messages {} {:.1f} ms {}", is_gap ? "usually come" : "are usually",
+                    static_cast<double>(usual_ns) / 1e6, is_gap ? "apart" : "old"),
+        fmt::format("this topic's messages {}", is_gap ? "usually come as late" : "are usually as old"));
+  if (!window.whole) return not_seen("some kernel events of that time are missing");
   return Search(miss, window, owner_of).why();
 }
 

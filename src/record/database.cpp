@@ -242,13 +242,14 @@ void Database::add(std::int64_t run, const Note& note) {
   std::optional<std::int64_t> message;
   if (note.message) message = static_cast<std::int64_t>(*note.message);
   Statement(*connection_,
-            "INSERT INTO note (run, number, at_ns, message, kind, text) VALUES (?1, "
-            "(SELECT ifnull(max(number), 0) + 1 FROM note WHERE run = ?1), ?2, ?3, ?4, ?5)")
+            "INSERT INTO note (run, number, at_ns, message, kind, text, cause) VALUES (?1, "
+            "(SELECT ifnull(max(number), 0) + 1 FROM note WHERE run = ?1), ?2, ?3, ?4, ?5, nullif(?6, ''))")
       .bind(run)
       .bind(note.at_ns)
       .bind(message)
       .bind(utf8_of(note.kind))
       .bind(utf8_of(note.text))
+      .bind(note.cause ? text_of(to_json(*note.cause)) : "")
       .execute();
 }
 

@@ -63,6 +63,7 @@ CREATE TABLE note (
   message INTEGER,          -- sample.message
   kind TEXT NOT NULL,       -- for programs
   text TEXT NOT NULL,       -- for people
+  cause TEXT,               -- JSON: why this message of a robot's own topic was late; NULL: another note
   PRIMARY KEY (run, number)
 ) WITHOUT ROWID;
 CREATE VIEW message AS
@@ -85,8 +86,9 @@ CREATE TABLE trace (
   events TEXT NOT NULL,      -- JSON
   PRIMARY KEY (run, message, host)
 );
-PRAGMA user_version = 3;
 )";
+
+constexpr const char* is_of_this_format = "PRAGMA user_version = 4";
 
 struct Table {
   const char* name;
@@ -104,6 +106,7 @@ std::vector<Table> tables_of(std::int64_t version) {
   sample.others.push_back("passed_wake_ns");
   Table note{"note", {"run", "number"}, {"at_ns", "message", "kind", "text"}};
   if (version == 2) return {run, sample, note};
+  if (version > 3) note.others.push_back("cause");
   return {run, sample, note, {"trace", {"run", "message", "host"}, {"events"}}};
 }
 
@@ -155,14 +158,18 @@ void create_tables(Connection& connection) {
   connection.run(run_and_sample);
   connection.run(note_and_view);
   connection.run(trace);
+  connection.run(is_of_this_format);
 }
 
 void migrate_tables(Connection& connection, std::int64_t from) {
   if (from == 1) {
     connection.run(from_format_1);
     connection.run(note_and_view);
+  } else {
+    connection.run("ALTER TABLE note ADD COLUMN cause TEXT");
   }
-  connection.run(trace);
+  if (from < 3) connection.run(trace);
+  connection.run(is_of_this_format);
 }
 
 }  // namespace ontime::record

@@ -10,7 +10,7 @@
 
 namespace ontime::record {
 
-inline constexpr std::int64_t format_version = 3;  // user_version, in the file's header
+inline constexpr std::int64_t format_version = 4;  // user_version, in the file's header
 
 // The format of the file; 0 if it holds nothing. Throws if it is not a results file, has a format that this
 // ontime does not know, or its tables are not those of its format: additional

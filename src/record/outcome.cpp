@@ -180,6 +180,9 @@ template Drops read(const json&);
 template json to_json(const Link&);
 template Link read(const json&);
 template json to_json(const ByName<Host>&);
+template json to_json(const LateCause&);
+template LateCause read(const json&);
+template json to_json(const Causes&);
 template json to_json(const Traced&);
 template Traced read(const json&);
 

@@ -327,6 +327,24 @@ struct Causes {
   static void fields(auto& of, auto&& field) { each(field, "seen", of.seen, "not_seen", of.not_seen); }
 };
 
+// Why a robot's own message was late, in a note of it.
+struct LateCause {
+  std::string measures{};  // as of its run: "age" or "period"
+  std::string date{};      // local time, of a run of weeks; else empty
+  std::int64_t value_ns = 0, limit_ns = 0;
+  std::string sentence{}, fix{};  // no times; fix: "" if nothing helps
+  // The same without details that messages of one cause differ in, such as the number of another process.
+  std::string alike{}, alike_fix{};
+  std::int64_t ns = 0;  // of the delay, by this cause; 0: not seen
+  std::optional<std::int64_t> cpu{};
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "measures", of.measures, "value_ns", of.value_ns, "limit_ns", of.limit_ns, "sentence",
+         of.sentence, "fix", of.fix, "alike", of.alike, "alike_fix", of.alike_fix);
+    each<if_set>(field, "date", of.date, "ns", of.ns, "cpu", of.cpu);
+  }
+};
+
 struct Outcome {
   Outcome() = default;
   Outcome(nlohmann::json);  // what a record has; implicit, for that is what an outcome is before it is read

@@ -169,11 +169,15 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
 std::vector<Note> Reader::notes(std::int64_t run) const {
   std::vector<Note> notes;
   const auto start = row_of(*connection_, run);
-  if (connection_->number("PRAGMA user_version") == 1) return notes;
+  const auto version = connection_->number("PRAGMA user_version");
+  if (version == 1) return notes;
   Texts text_in(*connection_);
   Ascending in_order(*connection_, "note", 1);
   Statement row(*connection_,
-                "SELECT number, kind, text, at_ns, message FROM note WHERE run = ? ORDER BY number");
+                fmt::format("SELECT number, kind, text, at_ns, message, {} FROM note WHERE run = ? "
+                            "ORDER BY number",
+                            version < 4 ? "NULL" : "cause")
+                    .c_str());
   row.bind(run);
   while (row.next()) {
     const auto number = in_order(row.integer(0));
@@ -182,6 +186,8 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
     if (message.value_or(0) < 0 || !can_be(note.at_ns.value_or(0)))
       damaged(*connection_, fmt::format("note {} has an impossible time or message", number));
     if (message) note.message = static_cast<std::uint64_t>(*message);
+    if (const auto cause = parsed(*connection_, run, text_in(row, 5)); !cause.is_null())
+      note.cause = read<LateCause>(cause);
     notes.push_back(std::move(note));
   }
   return notes;

@@ -54,6 +54,7 @@ struct Note {
   std::string text;                      // for people
   std::optional<std::int64_t> at_ns;     // CLOCK_MONOTONIC of the client, ±2^60 at most
   std::optional<std::uint64_t> message;  // its index
+  std::optional<LateCause> cause{};      // of kinds that tell of late, but for notes of an older ontime
 };
 
 // The kind of a note that says why a message was late, of a run of `ontime listen`.

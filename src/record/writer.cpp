@@ -217,7 +217,8 @@ void Writer::note(std::int64_t run, const Note& note) {
   thread_->require(run, "add a note");
   if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
     thread_->refuse(fmt::format("a note of run {} has an impossible time or message", run));
-  thread_->hand_over(1 + note.text.size() / bytes_a_sample,
+  // The words of a cause are its text again, with and without details.
+  thread_->hand_over(1 + note.text.size() * (note.cause ? 3 : 1) / bytes_a_sample,
                      [&](Batch& batch) { batch.notes.emplace_back(run, note); });
 }
 

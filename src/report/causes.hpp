@@ -12,12 +12,12 @@ namespace ontime::report {
 struct SameCause {
   std::vector<const record::Note*> notes{};
   // What they say: of each time the shortest and the longest; details, such as a CPU, only if all have the
-  // same.
+  // same. Notes of an older ontime are the same only if their texts are; these include the fix.
   std::string text{}, fix{};  // fix: "" if nothing helps
 };
 // Of notes why a message was late, which stay where they are. The most messages first.
 std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>&);
-// "2026-11-25 03:50:43  ", before the text of a note of weeks; else empty.
-std::string date_of(const std::string& text);
+// One line: "2026-11-25 03:50:43  26.1 ms old (limit 5 ms): …; fix: …".
+std::string text_of(const record::LateCause&);
 
 }  // namespace ontime::report

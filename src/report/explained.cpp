@@ -99,7 +99,7 @@ std::string text_of(const SameCause& same, const Marks& marks) {
   auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(same.text));
   if (first->message)
     lines += fmt::format("; {}message {}", same.notes.size() > 1 ? "first: " : "", *first->message);
-  if (const auto date = date_of(first->text); !date.empty()) lines += "; " + date.substr(0, date.find("  "));
+  if (first->cause && !first->cause->date.empty()) lines += "; " + printable(first->cause->date);
   lines += "\n";
   if (!same.fix.empty())
     lines += fmt::format("{}{}\n", marks.below, with_whole_commands(printable(same.fix)));

@@ -151,7 +151,6 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
 
 // "at 3.2 s: the pong left".
 constexpr std::size_t most_notes = 5;
-constexpr std::size_t most_causes = 1000;  // to tell apart takes 0.03 ms each
 std::string text_of(const record::Note& note, const statistics::Summary& summary) {
   std::string text = printable(note.text.empty() ? note.kind : note.text);
   if (note.message) text += fmt::format(" (message {})", *note.message);
@@ -174,7 +173,7 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
                                            : Requirement::none;
   };
   std::ranges::stable_sort(notes, std::greater(), requirement_of);
-  std::size_t told = 0, left_out = of_late.size() - std::min(of_late.size(), most_causes);
+  std::size_t told = 0, left_out = 0;
   const auto tell = [&](std::string text, Requirement requirement) {
     if (told == most_notes) {
       ++left_out;
@@ -184,7 +183,6 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
     remarks.push_back({Weight::caution, std::move(text)});
     remarks.back().requirement = requirement;
   };
-  of_late.resize(of_late.size() - left_out);
   for (const auto* note : notes) tell(text_of(*note, summary), requirement_of(note));
   for (const auto& [same, text, fix] : same_causes_of(of_late))
     tell(same.size() == 1 ? text_of(*same.front(), summary)
