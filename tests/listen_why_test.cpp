@@ -8,7 +8,9 @@
 namespace ontime::listen {
 namespace {
 
+using testing::AllOf;
 using testing::HasSubstr;
+using testing::Not;
 using trace::Kind;
 
 constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30, worker = 33;
@@ -217,6 +219,9 @@ TEST_F(LateMessage, SeveralThreadsThatHadTheCpuTogetherNameNoCulprit) {
   EXPECT_EQ(found.cause, "cpu");
   EXPECT_EQ(found.culprit, Party{});
   EXPECT_EQ(found.ns, 8 * ms);
+  // Another number of them is no other cause.
+  EXPECT_THAT(found.sentence, HasSubstr("2 others (longest: "));
+  EXPECT_THAT(found.alike, AllOf(HasSubstr("others (longest: "), Not(HasSubstr("2 others"))));
 }
 
 TEST_F(LateMessage, ReaderThatWorksIsItsOwnCause) {
