@@ -143,14 +143,15 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
   return held;
 }
 
-// A measured change beyond the limit that chance may explain passes only if it is surely not far beyond:
-// twice the value that the limit permits, or, of a share without a ratio, 10 % of all messages more.
-bool may_be_far_beyond(const Gate& gate, const statistics::Change& change) {
-  constexpr double twice = 2, tenth = 0.1;
+// The value that the limit of a change permits.
+double permitted_of(const Gate& gate, const statistics::Change& change) {
+  return gate.kind == Gate::Limit::ratio ? change.from * gate.limit : change.from + gate.limit;
+}
+
+// Whether the true value may be greater.
+bool may_exceed(const statistics::Change& change, double value) {
   const auto& high = change.lies().high;
-  if (!high) return true;
-  if (!change.ratio) return *high > (gate.kind == Gate::Limit::difference ? gate.limit : 0) + tenth;
-  return *high > twice * (gate.kind == Gate::Limit::ratio ? gate.limit : 1 + gate.limit / change.from);
+  return !high || (change.ratio ? change.from * *high : change.from + *high) > value;
 }
 
 // Why `ontime listen` did not see what the gate judges; empty: it did.
@@ -399,7 +400,12 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (!found) return open(too_few);
   const auto& change = *found;
   const auto by_answer = [&](Answer answer, const std::string& says) {
-    if (answer == Answer::cannot_tell && may_be_far_beyond(gate, change)) return open(says + ": " + too_wide);
+    // A measured change beyond the limit that chance may explain passes only if it is surely not far beyond.
+    const auto permitted = permitted_of(gate, change);
+    if (answer == Answer::cannot_tell && may_exceed(change, 2 * permitted))
+      return open(says + ": " + too_wide);
+    // No run proves that none is ever late or lost: where none is permitted, what was measured decides.
+    if (answer == Answer::no && permitted > 0 && may_exceed(change, permitted)) answer = Answer::cannot_tell;
     auto judged = judge_answer(gate, name, answer, says, "runs or messages");
     for (const auto* run : to)
       if (judged.is_sure) judged = unless_it_stood_still(std::move(judged), gate, *run);
@@ -410,15 +416,10 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (!change.repeated && single_runs == SingleRuns::open) return open(says + ": " + one_run);
   if (!change.lies().low)  // whatever is measured, it could not be shown to be worse
     return open(says + ": " + too_few);
-  if (gate.kind == Gate::Limit::difference && !change.ratio) {
+  if (!change.ratio) {  // a run had none late or lost
     says += ", " + interval(change.difference_lies,
                             [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
-    return by_answer(statistics::difference_exceeds(change, gate.limit), says);
-  }
-  if (!change.ratio) {  // a side had none: any more is infinitely more
-    const bool worse = change.tendency == statistics::Tendency::more;
-    const bool passes = change.to > change.from * gate.limit;
-    return by_answer(passes && worse ? Answer::yes : passes ? Answer::cannot_tell : Answer::no, says);
+    return by_answer(statistics::difference_exceeds(change, permitted_of(gate, change) - change.from), says);
   }
   const auto in_percent = [](double ratio) {
     const double percent = (ratio - 1) * 100;
