@@ -33,23 +33,37 @@ TEST(Compare, KeyPairsRunsThatAreOtherwiseEqual) {
 }
 
 TEST(Compare, ValueOfAKeyHasTheWordsOfScenarioAndOfRecord) {
-  for (const auto& [key, value, words] : {std::tuple("payload", "10000", "10000 B"),
-                                          {"payload", "10 kB", "10000 B"},
-                                          {"payload", "1 KiB", "1 KiB"},
-                                          {"payload", "1024", "1 KiB"},
-                                          {"period", "10000", "10 ms"},
-                                          {"period", "10ms", "10 ms"},
-                                          {"duration", "2.0", "2 s"},
-                                          {"link.loss", "0.01", "1 %"},
-                                          {"link.loss", "1 %", "1 %"},
-                                          {"realtime", "true", "on"},
-                                          {"realtime", "on", "on"},
-                                          {"transport", "udp", "udp"},
-                                          {"period", unset, unset},
-                                          {"period", "nonsense", "nonsense"},
-                                          {"kernel.threaded-napi", "on", "on"},
-                                          {"options.rmw", "x", "x"}})
+  for (const auto& [key, value, words] :
+       {std::tuple("payload", "10000", "10000 B"),
+        {"payload", "10 kB", "10000 B"},
+        {"payload", "1 KiB", "1 KiB"},
+        {"payload", "1024", "1 KiB"},
+        {"period", "10000", "10 ms"},
+        {"period", "10ms", "10 ms"},
+        {"duration", "2.0", "2 s"},
+        {"link.loss", "0.01", "1 %"},
+        {"link.loss", "1 %", "1 %"},
+        {"realtime", "true", "on"},
+        {"realtime", "on", "on"},
+        {"transport", "udp", "udp"},
+        {"period", unset, unset},
+        {"period", "nonsense", "nonsense"},
+        {"kernel.threaded-napi", "on", "on"},
+        {"options.rmw", "x", "x"},
+        {"load", R"({"controller":{"cpu":2,"vm":1,"vm_bytes":65536}})",
+         "2 cpu, 1 vm of 64 KiB on the controller"},
+        {"load", R"({"controller":{"cpu":0},"component":{}})", "none"},
+        {"load", "{}", "none"},
+        {"kernel", R"({"irq-threads":"90","ksoftirqd":"60"})", "irq-threads 90, ksoftirqd 60"},
+        {"traffic", R"({"bit_s":1000000,"datagram_bytes":1470})", "1 Mbit/s each way in datagrams of 1470 B"},
+        {"options", R"({"executor":"multi"})", "executor multi"},
+        {"require", R"(["late <= 0"])", R"(["late <= 0"])"}})
     EXPECT_EQ(words_of_value(key, value), words) << key << " " << value;
+}
+
+TEST(Compare, ValuesThatReadTheSameAreToldApart) {
+  EXPECT_EQ(words_of_values("link.loss", {"0.01", "0.0100001", "0.02"}),
+            (std::vector<std::string>{"0.01", "0.0100001", "2 %"}));
 }
 
 // A run for each of these runs, as an ontime records them.

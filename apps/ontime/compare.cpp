@@ -89,17 +89,18 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
   auto values = report::values_of(a, arguments.by);
   if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by);
   if (values.size() > 2) std::erase(values, report::unset);
-  const auto words_of = [&](const std::string& value) { return report::words_of_value(arguments.by, value); };
-  std::vector<std::string> words;
-  std::ranges::transform(values, std::back_inserter(words), words_of);
+  auto words = report::words_of_values(arguments.by, values);
   const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(words, ", "));
   if (!arguments.from.empty()) {
     const auto chosen = [&](const std::string& value) {
-      const auto found = std::ranges::find(words, words_of(value));
+      auto found = std::ranges::find(words, value);
+      if (found == words.end()) found = std::ranges::find(words, report::words_of_value(arguments.by, value));
       if (found == words.end()) throw Error(2, fmt::format("--by: no run has '{}'. Found {}", value, listed));
-      return values[static_cast<std::size_t>(found - words.begin())];
+      return static_cast<std::size_t>(found - words.begin());
     };
-    values = {chosen(arguments.from), chosen(arguments.to)};
+    const auto from = chosen(arguments.from), to = chosen(arguments.to);
+    values = {values[from], values[to]};
+    words = {words[from], words[to]};
   }
   if (values.size() != 2)
     throw Error(
@@ -107,8 +108,8 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
                        values.size() > 2 ? "Fix: choose two with --from and --to" : "See: ontime report"));
   if (values[0] == values[1]) refuse_the_same(arguments);
   auto comparison = report::compare_by(a, arguments.by, values[0], values[1]);
-  comparison.from_name = arguments.by + ' ' + words_of(values[0]);
-  comparison.to_name = arguments.by + ' ' + words_of(values[1]);
+  comparison.from_name = arguments.by + ' ' + words[0];
+  comparison.to_name = arguments.by + ' ' + words[1];
   for (const auto& pair : comparison.pairs)
     for (const auto* run : pair.to) b.push_back(*run);
   return comparison;

@@ -46,6 +46,8 @@ inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 // A value of a key in words, "10 ms", from a scenario's form, or from values_of(): "10000".
 std::string words_of_value(const std::string& key, const std::string& value);
+// Of several; those that would read the same stay as they are.
+std::vector<std::string> words_of_values(const std::string& key, const std::vector<std::string>& values);
 
 // The runs of one side without missing samples; the others are left out.
 Comparison::Runs whole(const Comparison::Runs&);

@@ -379,6 +379,18 @@ std::string words_of(const conditions::Field& field, const json& value) {
                                                           : nothing;
 }
 
+std::string words_of_group(const std::string& key, const json& value) {
+  Summary alone;
+  // The hosts are known: no load is then "no load".
+  alone.run.asked = json{{"hosts", ""}, {key, value}};
+  std::vector<std::string> texts;
+  for (const auto& [of, text, in_labels_alone] : phrases_of(alone))
+    if (of == key || of.starts_with(key + ".")) texts.push_back(text);
+  const auto words = join(texts, ", ");
+  if (words == "no " + key) return "none";
+  return words.starts_with(key + ": ") ? words.substr(key.size() + 2) : words;
+}
+
 std::string workers(const conditions::Workers& load) {
   std::vector<std::string> parts;
   const auto add = [&](int number, const char* kind, std::uint64_t bytes) {

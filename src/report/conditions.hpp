@@ -26,6 +26,9 @@ std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 
 // The value of a field in a record: "10 ms".
 std::string words_of(const conditions::Field&, const nlohmann::json& value);
+// The value of a group of keys in a record: of "kernel" "irq-threads 90, ksoftirqd 60". Empty: no words for
+// it.
+std::string words_of_group(const std::string& key, const nlohmann::json& value);
 // A host's requested load: "8 cpu, 2 vm of 64 MiB"; empty without a load.
 std::string workers(const conditions::Workers&);
 

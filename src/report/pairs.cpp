@@ -199,9 +199,16 @@ std::vector<std::string> values_of(const Summaries& runs, const std::string& key
 }
 
 std::string words_of_value(const std::string& stated, const std::string& value) {
-  const auto* const field = conditions::key_named(conditions::current_key(stated));
-  if (field == nullptr || field->json.empty()) return value;
+  const auto key = conditions::current_key(stated);
   auto recorded = json::parse(value, nullptr, false);
+  if (recorded.is_object()) try {
+      const auto words = words_of_group(key, recorded);
+      return words.empty() ? value : words;
+    } catch (const std::exception&) {  // not as a record has it
+      return value;
+    }
+  const auto* const field = conditions::key_named(key);
+  if (field == nullptr || field->json.empty()) return value;
   if (!recorded.is_number() && !recorded.is_boolean()) try {
       conditions::Run run;
       field->set(run, value);
@@ -211,6 +218,14 @@ std::string words_of_value(const std::string& stated, const std::string& value) 
     }
   const auto words = words_of(*field, recorded);
   return words == nothing ? value : words;
+}
+
+std::vector<std::string> words_of_values(const std::string& key, const std::vector<std::string>& values) {
+  std::vector<std::string> words, apart;
+  for (const auto& value : values) words.push_back(words_of_value(key, value));
+  for (std::size_t i = 0; i < values.size(); ++i)
+    apart.push_back(std::ranges::count(words, words[i]) > 1 ? values[i] : words[i]);
+  return apart;
 }
 
 Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
