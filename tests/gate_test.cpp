@@ -203,6 +203,7 @@ TEST(Judge, OfAnImportedRunTheMaximumIsJudgedAndOtherGatesAreNamedOpen) {
   ASSERT_EQ(all.size(), 2U);
   EXPECT_EQ(all[0].gate, "p99 <= 50 us");
   EXPECT_EQ(all[0].result, Result::cannot_judge);
+  EXPECT_THAT(all[0].says, HasSubstr("no order in time, so only max is judged. Fix: limit max"));
   EXPECT_EQ(all[1].result, Result::missed);
   EXPECT_EQ(judge_as_asked(imported).result, Result::held) << "nothing was requested of it";
 }

@@ -92,6 +92,35 @@ TEST(Compare, ImportedWakeUpLatencyIsNoRoundTrip) {
   EXPECT_TRUE(max.at("ratio_low").is_null());
 }
 
+TEST(Compare, ImportedRepetitionsCountTogether) {
+  const auto imported = [](std::int64_t p50_ns, std::int64_t max_ns, std::int64_t number) {
+    auto one = run("x", "k", 1, number);
+    amend(one.run.asked,
+          {{"measures", "wake-up"}, {"imported", {{"from", "cyclictest-json"}, {"file", "c.json"}}}});
+    one.imported.emplace();
+    one.wake_up = std::exchange(one.round_trip, {});
+    one.response = {};
+    one.wake_up.count = 50;
+    one.wake_up[statistics::Figure::p50] = p50_ns;
+    one.wake_up.max = max_ns;
+    return one;
+  };
+  const std::vector a{imported(1000, 9000, 1)};
+  std::vector b{imported(2000, 7000, 1), imported(4000, 8000, 2)};
+  const auto comparison = compare(a, b);
+  EXPECT_THAT(render(comparison, {}, Format::table),
+              AllOf(::testing::ContainsRegex("p50 +1.0 +3.0"), ::testing::ContainsRegex("p99 +- +-"),
+                    ::testing::ContainsRegex("max +9.0 +8.0"),
+                    HasSubstr("A: 1 run; B: 2 runs; each value is their mean, max the greatest")));
+  const auto figures = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("figures");
+  ASSERT_EQ(figures.size(), 3U) << figures;
+  EXPECT_DOUBLE_EQ(figures.at(0).at("to").get<double>(), 3);
+  EXPECT_DOUBLE_EQ(figures.at(2).at("to").get<double>(), 8);
+  EXPECT_TRUE(figures.at(2).at("ratio").is_null()) << "twice as many values have a greater maximum";
+  b[1].imported->beyond = 40;
+  EXPECT_THAT(render(comparison, {}, Format::table), ::testing::ContainsRegex("p50 +1.0 +≥3.0"));
+}
+
 TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
   std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1)};
   amend(a[0].run.asked, {{"period_us", 10'000}, {"deadline_us", 10'000}});

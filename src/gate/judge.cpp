@@ -256,7 +256,7 @@ Flaw flaw_of(const Summary& run) {
 std::string unfit(const Summary& run) {
   switch (flaw_of(run)) {
     case Flaw::imported:
-      return "it is imported and has no single messages";
+      return "an imported histogram has no order in time, so only max is judged. Fix: limit max";
     case Flaw::failed:
       return "it failed: " + *run.run.outcome.error;
     case Flaw::cut_off:

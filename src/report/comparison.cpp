@@ -171,17 +171,37 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
   return table;
 }
 
+// Of imported runs the mean of a percentile, or the greatest maximum.
+struct WakeUp {
+  double ns = 0;
+  bool is_least = false;  // beyond the histogram of one: a lower limit
+};
+// Nothing: a run has too few values.
+std::optional<WakeUp> wake_up_of(const Runs& runs, Figure figure) {
+  WakeUp all;
+  for (const auto* run : runs) {
+    if (run->wake_up.count < std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1)) return {};
+    const auto ns = static_cast<double>(run->wake_up[figure]);
+    all.ns = figure == Figure::max ? std::max(all.ns, ns) : all.ns + ns / static_cast<double>(runs.size());
+    all.is_least = all.is_least || statistics::is_lower_bound(*run, figure);
+  }
+  return all;
+}
+constexpr Figure wake_up_figures[] = {Figure::p50,   Figure::p90,    Figure::p99,
+                                      Figure::p99_9, Figure::p99_99, Figure::max};
+
 // Imported values have no order in time.
-Table imported_table_of(const Pair& pair) {
+Table imported_table_of(const Comparison& comparison, const Pair& pair) {
   Table table{gate::name_of(pair.to), "imported wake-up latencies; no confidence interval, so no verdict",
               columns_of("Wake-up (µs)", {"A", "B"})};
-  const auto& from = *pair.from.front();
-  const auto& to = *pair.to.front();
-  for (const auto& row : statistics::percentiles)
+  const auto cell = [](const Runs& runs, Figure figure) {
+    const auto of = wake_up_of(runs, figure);
+    return of ? (of->is_least ? "≥" : "") + microseconds(of->ns) : nothing;
+  };
+  for (const auto figure : wake_up_figures)
     table.rows.push_back(
-        {row.name, imported_percentile(from, row.figure), imported_percentile(to, row.figure)});
-  table.rows.push_back({"max", microseconds(from.wake_up.max), microseconds(to.wake_up.max)});
-  if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown: the first run of each side");
+        {statistics::metric_of(figure).name, cell(pair.from, figure), cell(pair.to, figure)});
+  table.notes.push_back(sides_text(comparison, pair));
   if (const auto text = list_of(differences(pair)); !text.empty())
     table.notes.push_back("also different (A → B): " + text);
   return table;
@@ -253,24 +273,23 @@ ordered_json figures_of(const Pair& pair) {
   for (const auto& row : rows)
     if (const auto change = change_of(pair, row.times, row.figure)) figures.push_back(json_of(row, *change));
   if (!is_imported(pair)) return figures;
-  const auto &from = *pair.from.front(), &to = *pair.to.front();
-  const auto knows = [](const statistics::Summary& run, Figure figure) {
-    return run.wake_up.count >= statistics::metric_of(figure).one_in &&
-           !statistics::is_lower_bound(run, figure);
+  const auto values_of = [](const Runs& runs) {
+    std::uint64_t values = 0;
+    for (const auto* run : runs) values += run->wake_up.count;
+    return values;
   };
-  const auto add = [&](Figure figure) {
-    if (!knows(from, figure) || !knows(to, figure)) return;
+  const auto [fewer, more] = std::minmax({values_of(pair.from), values_of(pair.to)});
+  for (const auto figure : wake_up_figures) {
+    const auto from = wake_up_of(pair.from, figure), to = wake_up_of(pair.to, figure);
+    if (!from || !to || from->is_least || to->is_least) continue;
     statistics::Change change;
-    change.from = static_cast<double>(from.wake_up[figure]);
-    change.to = static_cast<double>(to.wake_up[figure]);
-    const auto [fewer, more] = std::minmax(from.wake_up.count, to.wake_up.count);
+    change.from = from->ns;
+    change.to = to->ns;
     change.is_of_unequal_numbers = figure == Figure::max && more > fewer + fewer / 10;
     if (change.from > 0 && !change.is_of_unequal_numbers) change.ratio = change.to / change.from;
     figures.push_back(json_of({Times::round_trip, figure}, change));
     figures.back()["figure"] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
-  };
-  for (const auto& metric : statistics::percentiles) add(metric.figure);
-  add(Figure::max);
+  }
   return figures;
 }
 
@@ -316,7 +335,8 @@ bool tells_nothing(Figure figure, const statistics::Change& change) {
 Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
   Page page;
   for (const auto& pair : comparison.pairs)
-    page.tables.push_back(is_imported(pair) ? imported_table_of(pair) : table_of(comparison, pair));
+    page.tables.push_back(is_imported(pair) ? imported_table_of(comparison, pair)
+                                            : table_of(comparison, pair));
   if (comparison.pairs.empty()) {
     page.notes.push_back(fmt::format("No run of {} has the same conditions as one of {}.",
                                      comparison.from_name, comparison.to_name));

@@ -26,14 +26,15 @@ std::string source_of(const Summary& summary) {
   return text;
 }
 
-}  // namespace
-
+// "≥3.0" if the percentile is beyond the histogram; else as percentile().
 std::string imported_percentile(const Summary& summary, statistics::Figure figure) {
   const auto text = percentile(summary.wake_up, figure);
   return text != nothing && statistics::is_lower_bound(summary, figure)
              ? "≥" + microseconds(summary.wake_up[figure])
              : text;
 }
+
+}  // namespace
 
 Table imported_table_of(const Group& group) {
   Table table{

@@ -91,8 +91,6 @@ std::vector<std::string> refusals(const Summaries&);
 
 // The imported runs of an id.
 table::Table imported_table_of(const Group&);
-// "≥3.0" if the percentile is beyond the imported histogram; else as percentile().
-std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
