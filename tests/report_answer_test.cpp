@@ -8,6 +8,7 @@ namespace {
 using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::ElementsAre;
+using ::testing::EndsWith;
 using ::testing::Field;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -74,6 +75,17 @@ TEST(Answer, CautionIsCutOnlyWhereRowsNeedTheLines) {
   EXPECT_THAT(lines, Not(Contains(HasSubstr("FIX"))));
 }
 
+TEST(Answer, RowsThatFitAreNotLeftOutForCautions) {
+  std::string words = "no permission";
+  for (int i = 0; i < 40; ++i) words += " word" + std::to_string(i);
+  auto runs = demo();
+  for (std::size_t i = 0; i < 3; ++i) runs[i].notes = {{"peer-left", std::to_string(i) + words, {}, {}}};
+  const auto lines = lines_of(text_of(answer_of(runs, kept), 80));
+  EXPECT_LE(lines.size(), screen_lines);
+  EXPECT_EQ(std::ranges::count_if(lines, [](const auto& line) { return line.ends_with("ok"); }), 9);
+  EXPECT_EQ(std::ranges::count_if(lines, [](const auto& line) { return line.starts_with("Caution"); }), 3);
+}
+
 TEST(Answer, WideLettersTakeTwoColumns) {
   EXPECT_EQ(width_of("ロボットa"), 9u);
   EXPECT_EQ(width_of("µs ≥…"), 5u);
@@ -92,7 +104,10 @@ TEST(Answer, MoreRunsThanFitLeaveTheWorstAndTheirNumber) {
   for (int i = 1; i <= 60; ++i) runs.push_back(run(i, "run" + std::to_string(i), "udp", {}, i == 47 ? 9 : 0));
   const auto text = text_of(answer_of(runs, kept), 80);
   EXPECT_LE(lines_of(text).size(), screen_lines);
-  EXPECT_THAT(text, AllOf(HasSubstr("run47"), HasSubstr("more rows, none worse")));
+  EXPECT_THAT(text, AllOf(HasSubstr("run47"), HasSubstr("more rows, none worse\n")));
+  for (auto& one : runs) one.late = *one.late_by_response = 9;
+  EXPECT_THAT(text_of(answer_of(runs, kept), 80),
+              HasSubstr("… and 44 more rows, none worse, but 44 not ok\n"));
 }
 
 TEST(Answer, ANarrowTerminalDropsColumnsAndKeepsTheVerdict) {
@@ -139,12 +154,15 @@ TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}, 200)};
   runs[1].run.outcome = {};
   EXPECT_EQ(answer_of(runs, kept).sentence,
-            "2,000 cycles had an answer within 10 ms. 1 of 2 rows was not measured as requested.");
+            "2,000 cycles had an answer within 10 ms. 1 of 2 rows was not measured as requested: 200 of its "
+            "2,000 cycles had no answer in time.");
   amend(runs[0].run.asked, "/load", {{"controller", {{"cpu", 1}}}});
   runs.push_back(run(3, "c", "udp", {}));
   EXPECT_EQ(answer_of(runs, kept).sentence,
             "The cycles had an answer within 10 ms, under each of 2 conditions. 1 of 3 rows was not measured "
-            "as requested.");
+            "as requested: 200 of its 2,000 cycles had no answer in time.");
+  runs[1].late = *runs[1].late_by_response = 0;
+  EXPECT_THAT(answer_of(runs, kept).sentence, EndsWith("1 of 3 rows was not measured as requested."));
 }
 
 TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {

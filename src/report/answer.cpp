@@ -297,17 +297,26 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
-    const auto left_out = std::ranges::count_if(answer.rows, [&](const Row& row) {
-      return held && !as_requested(row.state) && row.state > State::no_limit;
-    });
+    std::size_t left_out = 0;
+    std::uint64_t cycles = 0, missed = 0;  // of these
+    for (const auto& row : answer.rows) {
+      if (!held || as_requested(row.state) || row.state <= State::no_limit) continue;
+      ++left_out;
+      cycles += row.cycles;
+      missed += row.missed;
+    }
     answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
     if (late_listened > 0)
       answer.sentence += fmt::format(" {} of listened messages {} late or lost ones.",
                                      many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
     if (!held) answer.sentence += " But no run was measured as requested.";
     if (left_out > 0)
-      answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,
-                                     many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were");
+      answer.sentence +=
+          fmt::format(" {} of {} {} not measured as requested{}.", left_out,
+                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",
+                      missed == 0 ? ""
+                                  : fmt::format(": {} of {} {} cycles had no answer in time", grouped(missed),
+                                                left_out == 1 ? "its" : "their", grouped(cycles)));
     if (contrast != nullptr && worst->high > 0) {
       const auto *from = worst_of(*worst)->runs.front(), *to = contrast->entries.front()->runs.front();
       if (can_compare(summaries, *from, *to)) {

@@ -17,7 +17,7 @@ using Row = Answer::Row;
 using State = Answer::State;
 
 constexpr std::size_t most_cautions = 3;
-constexpr std::size_t fewest_lines = 2, most_lines = 6;  // of a caution
+constexpr std::size_t few_lines = 2, most_lines = 6;  // of a caution
 
 std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
   if (!spread) return nothing;
@@ -115,7 +115,8 @@ std::size_t lines_in(const std::string& text, std::size_t width) {
 
 std::string cautions_of(const Answer& answer, std::size_t width, std::size_t lines) {
   constexpr std::size_t heading = sizeof("Caution: ");
-  const auto room = lines * (width - 2) - std::min(heading + 8, width);
+  const std::size_t wrapping = lines > 1 ? 8 : 0;
+  const auto room = lines * (width - 2) - std::min(heading + wrapping, width);
   std::string text;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
@@ -160,27 +161,38 @@ std::string text_of(const Answer& answer, std::size_t width) {
   const auto steps = steps_text(answer.next, width);
   std::string rest;
   std::size_t taken = 0;
-  // The fix stands at the end of a caution: it is cut only where rows need the lines.
-  for (auto lines = most_lines; lines >= fewest_lines; --lines) {
+  const auto fits = [&](std::size_t lines) {
     rest = cautions_of(answer, width, lines) + steps;
     taken = lines_in(text, width) + lines_in(rest, width) + header;
-    if (taken + answer.rows.size() <= screen_lines) break;
-  }
+    return taken + answer.rows.size() <= screen_lines;
+  };
+  // The fix stands at the end of a caution: it is cut only where all rows fit then.
+  auto lines = most_lines;
+  while (lines > 0 && !fits(lines)) --lines;
+  if (lines == 0) fits(few_lines);
   constexpr std::size_t fewest_rows = 2;
   const std::size_t free =
       taken + fewest_rows + note < screen_lines ? screen_lines - taken : fewest_rows + note;
   auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
+  std::vector<std::size_t> shown;
   for (;; --most) {  // an id may take a line, too
-    auto table =
-        table::as_text({.tables = {table_of(answer.rows, worst_of(answer.rows, most), width)}}, width);
+    shown = worst_of(answer.rows, most);
+    auto table = table::as_text({.tables = {table_of(answer.rows, shown, width)}}, width);
     table.pop_back();  // the empty line after it
-    const auto lines = lines_in(table, width) - header + (most < answer.rows.size() ? note : 0);
-    if (lines > free && most > fewest_rows) continue;
+    const auto rows = lines_in(table, width) - header + (most < answer.rows.size() ? note : 0);
+    if (rows > free && most > fewest_rows) continue;
     text += table;
     break;
   }
-  if (const auto more = answer.rows.size() - most; more > 0)
-    text += fmt::format("… and {}, none worse\n", many(more, "more row", "more rows"));
+  if (const auto more = answer.rows.size() - most; more > 0) {
+    const auto is_bad = [](const Row& row) {
+      return row.state > State::ok || row.missed_requirement || row.open_requirement;
+    };
+    const auto bad = std::ranges::count_if(answer.rows, is_bad) -
+                     std::ranges::count_if(shown, [&](auto place) { return is_bad(answer.rows[place]); });
+    text += fmt::format("… and {}, none worse{}\n", many(more, "more row", "more rows"),
+                        bad > 0 ? fmt::format(", but {} not ok", bad) : "");
+  }
   return text + rest;
 }
 
