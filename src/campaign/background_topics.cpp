@@ -11,10 +11,8 @@ namespace {
 using record::BackgroundSeen;
 using record::BackgroundSent;
 
-constexpr double enough_messages = 0.95;  // of the requested messages, as for traffic
-
 bool falls_short(std::uint64_t count, std::uint64_t asked) {
-  return static_cast<double>(count) < enough_messages * static_cast<double>(asked);
+  return static_cast<double>(count) < record::enough_of_request * static_cast<double>(asked);
 }
 
 BackgroundSeen way(const BackgroundSent& sender, const BackgroundSent& receiver, std::uint64_t wanted) {

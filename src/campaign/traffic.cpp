@@ -13,7 +13,6 @@ using nlohmann::json;
 constexpr const char* to_component = "to_component";
 constexpr const char* to_controller = "to_controller";
 constexpr int first_port = 5201;  // iperf3's own, which firewalls know
-constexpr double enough = 0.95;   // of the requested rate
 
 std::optional<double> rate_of(const json& by_host, const char* host, const std::string& way) {
   const auto rate = by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
@@ -73,7 +72,7 @@ record::ByName<record::TrafficSeen> achieved(const Traffic& traffic, const json&
                 .received_bit_s = received,
                 .running = still_there,
                 .is_short = !still_there || !received ||
-                            *received < enough * static_cast<double>(traffic.bits_per_s)};
+                            *received < record::enough_of_request * static_cast<double>(traffic.bits_per_s)};
   }
   return all;
 }

@@ -270,12 +270,15 @@ struct Activity {
   }
 };
 
+// Of the requested traffic, messages of background topics, or cycles; less falls short.
+inline constexpr double enough_of_request = 0.95;
+
 // Concurrent traffic of one direction.
 struct TrafficSeen {
   std::optional<std::uint64_t> asked_bit_s;
   std::optional<double> sent_bit_s, received_bit_s;
   bool running = false;  // its iperf3, to the end
-  // Less than 95 % of the requested rate arrived, the rate is unknown, or iperf3 died.
+  // Less than `enough_of_request` of the rate arrived, the rate is unknown, or iperf3 died.
   std::optional<bool> is_short;
 
   static void fields(auto& of, auto&& field) {

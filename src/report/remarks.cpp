@@ -66,9 +66,6 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
                        std::min(share, 1.0), whole_percent_text});
 }
 
-// Of all cycles: traffic and background topics, too, are short below 95 % of the requested rate.
-constexpr double most_skipped = 0.05;
-
 // Clock events during the run.
 constexpr double long_s = 0.1;         // more than two clocks are read apart on a busy machine
 constexpr double much_slew_ppm = 500;  // beyond any crystal and the usual correction of a time service
@@ -267,8 +264,8 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   };
   // A few cycles leave the rate as it was: the longest wait tells of their stall.
   const auto skipped = static_cast<double>(summary.skipped_cycles);
-  const bool is_slower =
-      skipped > most_skipped * (static_cast<double>(statistics::fates_of(summary).sent) + skipped);
+  const auto sent = static_cast<double>(statistics::fates_of(summary).sent);
+  const bool is_slower = sent < record::enough_of_request * (sent + skipped);
   count(is_slower ? Weight::caution : Weight::detail,
         is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
