@@ -105,6 +105,9 @@ TEST_F(ScenarioFile, SelectionNarrowsIt) {
   EXPECT_EQ(scenario.runs[0].task.client.duration, 2s);
   selection.only = {"c"};
   EXPECT_THAT(error(text, selection), HasSubstr(" has no run 'c'; there are: a, b"));
+  selection.only = {"idel"};
+  EXPECT_THAT(error("runs: [{id: idle, transport: udp}]\n", selection),
+              HasSubstr(" has no run 'idel' (did you mean 'idle'?); there are: idle"));
 }
 
 TEST_F(ScenarioFile, FileWithoutSelectedRunIsLeftOut) {

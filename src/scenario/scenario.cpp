@@ -17,6 +17,7 @@
 #include "scenario/complete.hpp"
 #include "scenario/document.hpp"
 #include "scenario/hosts.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -225,7 +226,8 @@ std::string some_of(const std::set<std::string>& ids) {
 void check_only(const Selection& selection, const std::set<std::string>& ids, const std::string& which_have) {
   for (const auto& id : selection.only)
     if (!ids.contains(id))
-      throw Error(fmt::format("{} no run '{}'; there are: {}", which_have, id, some_of(ids)));
+      throw Error(fmt::format("{} no run '{}'{}; there are: {}", which_have, id,
+                              spelling::suggestion(id, {ids.begin(), ids.end()}), some_of(ids)));
 }
 
 }  // namespace
