@@ -144,6 +144,7 @@ Trials::Trials(Subject subject, ScenarioWith scenario_with, const std::vector<se
       places_(places) {}
 
 void Trials::recall(const std::string& results) {
+  results_ = results;
   const auto reader = places_.writer.reader();
   std::vector<record::Note> all;
   for (auto& run : reader.runs()) {
@@ -188,9 +189,9 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
   if (text != note_of(order) || run.asked.scenario != scenario.text)
-    throw Error(2, fmt::format("--resume: run {} of the results is '{}', but this version of ontime expects "
-                               "'{}'. Use a new results file",
-                               run.number, text, note_of(order)));
+    throw Error(2, fmt::format("--resume: run {} of {} (ontime {}) is '{}', but ontime " ONTIME_VERSION
+                               " expects '{}'. Use a new results file",
+                               run.number, results_, run.asked.ontime, text, note_of(order)));
   return run;
 }
 

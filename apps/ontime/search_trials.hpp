@@ -82,6 +82,7 @@ class Trials {
   std::optional<std::vector<std::string>> denied_at_first_;  // settings that the scenario itself was denied
   std::optional<std::pair<std::string, int>> end_;
   std::string stopped_;
+  std::string results_;  // recalled, for people
   int code_ = 0;
   bool is_subject_noted_ = false;
 };
