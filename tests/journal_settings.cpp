@@ -381,12 +381,14 @@ TEST_F(Settings, UnknownKindIsALogicError) {
 // --- whose the machine is
 
 TEST_F(Settings, OneChangesTheMachineAtATime) {
-  Victim holder([](Journal& journal) { return make_folder(journal); });
+  Victim holder([](Journal& journal) {
+    journal.held_for({4711, "ontime run\ndemo"});
+    return make_folder(journal);
+  });
   Journal second(settings);
   const auto refused = error_of([&] { second.change(governor, one_, "performance"); });
-  EXPECT_THAT(refused, AllOf(HasSubstr(fmt::format("process {} ", getpid())), HasSubstr("journal_test"),
-                             HasSubstr("wait until")))
-      << "the holder is a child of the same program, as a keeper is";
+  EXPECT_THAT(refused, AllOf(HasSubstr("process 4711 (\"ontime run demo\")"), HasSubstr("wait until")))
+      << "a keeper holds the machine for it";
   EXPECT_EQ(read_file(one_), "powersave");
   EXPECT_THAT(second.revert(), IsEmpty());
   EXPECT_TRUE(fs::exists(holder.said()));

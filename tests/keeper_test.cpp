@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "isolation/isolation.hpp"
+#include "journal/journal.hpp"
 #include "keeper/flows.hpp"
 #include "keeper/links.hpp"
 #include "machine/machine.hpp"
@@ -76,6 +77,18 @@ TEST_F(Keeper, ReportsMachineAndActivity) {
   EXPECT_LT(std::abs(ended.at("machine").at("clock").at("moved_ns").get<std::int64_t>()), 1'000'000'000);
   EXPECT_TRUE(ended.at("hosts").empty());
   EXPECT_TRUE(ask("close", "closed").at("notes").empty());
+}
+
+TEST_F(Keeper, NamesTheCommandThatItHoldsTheMachineFor) {
+  ask("open", "opened", {{"holder", {{"command", "anna@laptop: ontime run demo"}}}});
+  ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
+  journal::Journal other;
+  try {
+    other.hold();
+    ADD_FAILURE() << "the keeper holds the machine";
+  } catch (const journal::Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("(\"anna@laptop: ontime run demo\")"));
+  }
 }
 
 TEST_F(Keeper, LoadsForEachHostByItself) {

@@ -243,12 +243,7 @@ campaign::Interrupts& catch_interrupts(const std::string& text) {
 
 bool was_stopped() { return last_signal == SIGTERM || (last_signal == 0 && interrupts > 0); }
 
-nlohmann::json command_line() {
-  auto words = nlohmann::json::array();
-  std::ifstream arguments("/proc/self/cmdline");
-  for (std::string word; std::getline(arguments, word, '\0');) words.push_back(word);
-  return words;
-}
+nlohmann::json command_line() { return orders::command_line(); }
 
 void clear_progress_line() {
   const std::lock_guard lock(line_mutex);

@@ -152,10 +152,9 @@ void check_user(const campaign::Hosts& hosts) {
            host.program.empty();
   };
   const bool is_denied = geteuid() != 0 && !realtime::capable(CAP_SYS_ADMIN);
-  const auto command = table::shell_line(command_line().get<std::vector<std::string>>());
   if (is_denied && (is_of_this_user(hosts.controller) || is_of_this_user(hosts.components.front().host)))
     throw Error(3, "tune search needs root on this machine: each run records kernel events. Fix: " +
-                       (table::printable(command) == command ? "sudo " + command : "run it as root"));
+                       campaign::as_root());
 }
 
 // Notes before the first trial: contradictions, and settings that are not tried.

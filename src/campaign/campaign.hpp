@@ -55,6 +55,9 @@ class Observer {
   virtual void ends_listening(bool /*interrupted*/) {}
 };
 
+// This command line with sudo before it, to paste.
+std::string as_root();
+
 using orders::Interrupts;
 
 // Returns the outcome of a run that is already in the results, by its requested record and the machines of

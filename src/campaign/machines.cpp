@@ -2,6 +2,7 @@
 #include "campaign/machines.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <exception>
 #include <string>
 #include <tuple>
@@ -9,11 +10,14 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <sys/utsname.h>
+#include <unistd.h>
 
 #include "agent/agent.hpp"
 #include "campaign/deploy.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
+#include "table/table.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -46,6 +50,17 @@ std::vector<std::string> command_of(const Host& host, const std::vector<std::str
   return words;
 }
 
+// Whom the keeper names to another ontime that wants the machine: here this process, there its command line.
+json holder_of(const Host& where) {
+  const auto command = fmt::format("{}", fmt::join(orders::command_line(), " "));
+  if (where.ssh.empty()) return {{"pid", getpid()}, {"command", command}};
+  const char* user = std::getenv("SUDO_USER");      // NOLINT(concurrency-mt-unsafe): nothing sets it
+  if (user == nullptr) user = std::getenv("USER");  // NOLINT(concurrency-mt-unsafe): nothing sets it
+  utsname here{};
+  uname(&here);
+  return {{"command", fmt::format("{}@{}: {}", user == nullptr ? "" : user, here.nodename, command)}};
+}
+
 // Collects the problems of all machines, to report them together.
 class Problems {
  public:
@@ -70,6 +85,11 @@ class Problems {
 };
 
 }  // namespace
+
+std::string as_root() {
+  const auto command = table::shell_line(orders::command_line());
+  return table::printable(command) == command ? "sudo " + command : "run it as root";
+}
 
 std::optional<std::string> network_namespace(const Host& host) {
   const auto& place = host.command_prefix;
@@ -107,12 +127,13 @@ void Machines::prepare(const Hosts& stated, const Transports& transports) {
       !machine::may_join_namespaces()) {
     if (hosts_.components.size() > 1)
       throw Error(3,
-                  "components: no permission to create a network namespace for each. Fix: sudo ontime run …, "
-                  "or state their hosts");
+                  "components: no permission to create a network namespace for each. Fix: state their hosts, "
+                  "or " +
+                      as_root());
     if (hosts_.wire.any())
-      throw Error(3, "wire: no permission to create network namespaces. Fix: sudo ontime run …");
-    observer_.note(
-        "no permission to create network namespaces: both ends run on loopback. Fix: sudo ontime run …");
+      throw Error(3, "wire: no permission to create network namespaces. Fix: " + as_root());
+    observer_.note("no permission to create network namespaces: both ends run on loopback. Fix: " +
+                   as_root());
     hosts_.kind = Hosts::Kind::loopback;
   }
   if (hosts_.kind == Hosts::Kind::loopback)
@@ -177,7 +198,8 @@ void Machines::open(Machine& machine, const Transports& transports) {
   for (const auto& host : machine.hosts)
     if (network_namespace(hosts_.at(host)) && transports.contains(host))  // another place has its own files
       here.insert(transports.at(host).begin(), transports.at(host).end());
-  const auto opened = ask(machine, "open", "opened", {{"transports", here}});
+  const auto opened =
+      ask(machine, "open", "opened", {{"transports", here}, {"holder", holder_of(machine.where)}});
   machine.description = record::read<record::Machine>(opened.at("machine"));
   if (machine.ssh && hosts_.deploy)
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");

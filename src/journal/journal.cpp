@@ -4,11 +4,9 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <optional>
-#include <system_error>
 #include <thread>
 
 #include <fmt/format.h>
@@ -27,25 +25,18 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto holder_may_end_in = 3s;
 
-// This process, or the one of the same program that started it: people know `ontime run`, not its keeper.
-pid_t known_holder() {
-  std::error_code none;
-  const auto program_of = [&](pid_t pid) {
-    return std::filesystem::read_symlink(fmt::format("/proc/{}/exe", pid), none);
-  };
-  // In a PID namespace with the /proc of another one, these numbers are of other processes.
-  const bool is_own_proc = std::filesystem::read_symlink("/proc/self", none) == std::to_string(getpid());
-  const auto own = program_of(getpid());
-  return is_own_proc && !own.empty() && program_of(getppid()) == own ? getppid() : getpid();
-}
-
-std::string command_line(pid_t pid) {
-  std::ifstream file(pid == getpid() ? "/proc/self/cmdline" : fmt::format("/proc/{}/cmdline", pid));
+std::string own_command_line() {
+  std::ifstream file("/proc/self/cmdline");
   std::string command(std::istreambuf_iterator<char>(file), {});
   while (!command.empty() && command.back() == '\0') command.pop_back();
+  return command;
+}
+
+// For people: no control characters.
+std::string plain(std::string text) {
   std::replace_if(
-      command.begin(), command.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
-  return command.substr(0, 200);
+      text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
+  return text.substr(0, 200);
 }
 
 }  // namespace
@@ -82,8 +73,8 @@ Journal::GivenBack Journal::hold() {
   auto& folder = *entered;
   auto [name, fd] = folder.add_journal();
   try {
-    const auto holder = known_holder();
-    append(fd.get(), line_of(Header{boot_id(), holder, command_line(holder)}));
+    const auto [pid, command] = holder_ ? *holder_ : Holder{getpid(), own_command_line()};
+    append(fd.get(), line_of(Header{boot_id(), pid, plain(command)}));
   } catch (const Error&) {
     folder.remove(name);
     throw;

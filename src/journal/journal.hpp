@@ -11,7 +11,10 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
+
+#include <sys/types.h>
 
 namespace ontime::journal {
 
@@ -56,6 +59,13 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
+  // Whom those that are refused are told: people know `ontime run`, not its keeper.
+  struct Holder {
+    pid_t pid;
+    std::string command;
+  };
+  void held_for(Holder holder) { holder_ = std::move(holder); }
+
   struct GivenBack {
     std::vector<std::string> done, left;  // for people, a line each
     bool finished = true;  // nothing remains to be restored: another program has changed what is left
@@ -89,6 +99,7 @@ class Journal {
  private:
   struct File;
   std::span<const Kind> more_;
+  std::optional<Holder> holder_;
   std::unique_ptr<File> file_;
 };
 

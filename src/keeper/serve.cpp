@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "background/child.hpp"
 #include "journal/journal.hpp"
@@ -53,6 +54,8 @@ class Keeper final : public orders::Worker {
 
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
+      if (const auto& holder = body.value("holder", json()); holder.is_object())
+        journal_.held_for({holder.value("pid", getpid()), holder.at("command")});
       const auto notes = journal::revert_abandoned(kinds());
       events_.tell("opened", {{"machine", machine::describe()},
                               {"notes", notes},

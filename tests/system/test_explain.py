@@ -182,7 +182,7 @@ class Explain(unittest.TestCase):
                 refused = ontime(*ping)
                 traced.terminate()
             self.assertEqual(refused.returncode, 3)
-            self.assertIn("another ontime changes this machine", refused.stderr)
+            self.assertRegex(refused.stderr, rf"another ontime changes this machine: process {traced.pid} \(.*ontime pong ")
 
     def test_a_ping_that_keeps_no_results_explains_at_once(self):
         ping = ["ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--explain"]
