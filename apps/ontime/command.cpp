@@ -2,8 +2,10 @@
 #include "command.hpp"
 
 #include <algorithm>
+#include <filesystem>
 #include <iostream>
 #include <sstream>
+#include <system_error>
 #include <utility>
 
 #include <CLI/CLI.hpp>
@@ -17,6 +19,8 @@
 
 namespace ontime::app {
 namespace {
+
+namespace fs = std::filesystem;
 
 // What the user may have meant by the first word that the command does not know.
 std::string meant(const CLI::App& command, const std::vector<std::string>& unknown) {
@@ -85,6 +89,16 @@ Option* Option::required() {
 }
 Option* Option::given() {
   const auto flaw = [](const std::string& value) { return value.empty() ? "a value is needed" : ""; };
+  option_->check(CLI::Validator(flaw, ""));
+  return this;
+}
+Option* Option::in_a_folder() {
+  const auto flaw = [](const std::string& file) -> std::string {
+    std::error_code none;
+    if (fs::is_directory(file, none)) return file + " is a folder. Fix: name a file in it";
+    const auto folder = fs::absolute(file).parent_path();
+    return fs::is_directory(folder, none) ? "" : folder.string() + " is no folder. Fix: make it first";
+  };
   option_->check(CLI::Validator(flaw, ""));
   return this;
 }

@@ -29,7 +29,8 @@ class Option {
   Option* type_name(const std::string&);    // "on|off": these words, which shells complete
   Option* group(const std::string& title);  // in --help; "": --help hides it
   Option* required();
-  Option* given();  // refuses an empty value, such as a script's unset variable
+  Option* given();        // refuses an empty value, such as a script's unset variable
+  Option* in_a_folder();  // refuses a file where none can be made: a folder, or one in a missing folder
   Option* range(int least, int most);
   Option* delimiter(char);         // of a list
   Option* allow_extra_args(bool);  // false: each value of a list has its own flag

@@ -20,6 +20,10 @@ Option* add_file(Command& command, const char* flag, std::string& file, const ch
   return add_value(command, flag, file, "FILE", help);
 }
 
+void add_results(Command& command, std::string& file, const char* help) {
+  add_file(command, "--results", file, help)->in_a_folder();
+}
+
 void add_output(Command& command, std::string& file) {
   add_file(command, "--output", file, "write to this file instead of standard output");
 }

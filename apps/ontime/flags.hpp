@@ -27,6 +27,8 @@ Option* add_value(Command& command, const std::string& flag, Value& value, const
 Option* add_list(Command&, const std::string& flag, std::vector<std::string>& values, const char* what,
                  const char* help);
 Option* add_file(Command&, const char* flag, std::string& file, const char* help);
+// --results, to write: refuses a folder, and a file whose folder does not exist.
+void add_results(Command&, std::string& file, const char* help);
 void add_output(Command&, std::string& file);  // --output FILE, instead of standard output
 // --format, for format_flag(), and --full: every table instead of the first screen.
 void add_report_format(Command&, std::string& word, bool& full);

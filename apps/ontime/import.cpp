@@ -90,8 +90,8 @@ void add_import(Command& app) {
       ->add_option("--from", arguments->from,
                    "format of a cyclictest file: cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM");
-  add_file(*command, "--results", bag.results,
-           "add runs to this results file; a bag adds one for each age and period of a topic");
+  add_results(*command, bag.results,
+              "add runs to this results file; a bag adds one for each age and period of a topic");
   add_value(*command, "--id", arguments->id, "ID",
             "id of the cyclictest runs, for compare (default: cyclictest)");
   command

@@ -69,8 +69,8 @@ void add_lab(Command& app) {
       ->required();
   measured->machine.add(*runs);
   add_choice(*runs, measured->choice);
-  add_file(*runs, "--results", measured->results,
-           "new results file, or with --resume an existing one (default: a new one here)");
+  add_results(*runs, measured->results,
+              "new results file, or with --resume an existing one (default: a new one here)");
   runs->add_flag(
           "--resume", measured->resume,
           "skip runs that are complete in these results: same conditions, repetition and scenario text")

@@ -447,8 +447,8 @@ void add_listen(Command& app) {
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_metrics(*command, arguments->metrics);
-  add_file(*command, "--results", arguments->results,
-           "record every message as runs in this results file, for report, compare and plot");
+  add_results(*command, arguments->results,
+              "record every message as runs in this results file, for report, compare and plot");
   add_value(
       *command, "--keep", arguments->keep, "SIZE",
       "with --results, for weeks: limit the file to this size. It keeps counts, and the worst late "

@@ -2,7 +2,6 @@
 #include "measured.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <ctime>
 #include <filesystem>
 #include <span>
@@ -12,7 +11,6 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <unistd.h>
 
 #include "flags.hpp"
 #include "output.hpp"
@@ -119,13 +117,6 @@ void check_results(const std::string& file, bool resume) {
     throw campaign::Error(
         2, fmt::format("--results: {} exists. Fix: name another file, or continue this one with --resume",
                        file));
-  if (const auto folder = fs::absolute(file).parent_path(); access(folder.c_str(), W_OK | X_OK) != 0) {
-    const bool is_missing = errno == ENOENT || errno == ENOTDIR;
-    throw campaign::Error(is_missing ? 2 : 3,
-                          fmt::format("--results: {} cannot be written: {}. Fix: {}", file,
-                                      std::generic_category().message(errno),
-                                      is_missing ? "make its folder first" : "name another file"));
-  }
 }
 
 std::string write_page_beside(const std::string& results, const record::Reader& reader,

@@ -26,7 +26,7 @@ void add_cable(Command&, Choice&);  // --cable, for runs on this machine
 // A new file in the current folder, named after the scenario and the time.
 std::string new_results_file(const std::string& scenario);
 
-// Throws Error: 2 if the file exists and `resume` is false, 3 if its folder cannot be written.
+// Throws Error{2} if the file exists and `resume` is false.
 void check_results(const std::string& file, bool resume);
 
 // The runs in the results from `known` on, the exit code of measuring them, and why the measurement is

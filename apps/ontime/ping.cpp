@@ -29,7 +29,7 @@ void add_ping(Command& app) {
       ->excludes("--peer")
       ->excludes("--interface")
       ->excludes("--wait");
-  add_file(*command, "--results", arguments->results, "keep every sample in this file");
+  add_results(*command, arguments->results, "keep every sample in this file");
   add_report_format(*command, arguments->format, arguments->full);
   command->calls([flags, arguments] {
     const auto run = flags->run();

@@ -36,8 +36,8 @@ void add_pong(Command& app) {
   auto* command = app.add_subcommand("pong", "Runs the server: replies to ping's messages until Ctrl-C");
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::both);
   auto results = std::make_shared<std::string>();
-  add_file(*command, "--results", *results,
-           "with --explain: keep the traces in this file, for `ontime explain --pong`");
+  add_results(*command, *results,
+              "with --explain: keep the traces in this file, for `ontime explain --pong`");
   command->calls([flags, results] {
     const auto run = flags->run();
     if (run.explain == results->empty())

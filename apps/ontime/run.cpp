@@ -170,7 +170,7 @@ void add_run(Command& app) {
   command->add_flag("--deploy", arguments->choice.selection.deploy,
                     "copy this program to the ssh hosts for the run, then remove it");
   add_cable(*command, arguments->choice);
-  add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
+  add_results(*command, arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag(
           "--resume", arguments->resume,

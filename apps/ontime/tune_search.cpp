@@ -273,6 +273,7 @@ int Searched::show(const search::Links& links) const {
 
 int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
                 campaign::Interrupts& interrupts) {
+  record::Writer writer(asked.results);
   search::Knobs knobs;
   search::Links links;
   {
@@ -284,7 +285,6 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
     links = look.links();
   }
   tell(asked.scenario, knobs);
-  record::Writer writer(asked.results);
   Trials::Places places{writer, terminal, interrupts};
   if (!arguments.send_to.empty())
     places.counts = [&](std::int64_t run) { send_from_lab(writer, run, arguments.send_to); };
@@ -417,8 +417,8 @@ void add_tune_search(Command& tune) {
             "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here");
   add_choice(*command, arguments->choice);
   add_cable(*command, arguments->choice);
-  add_file(*command, "--results", arguments->results,
-           "results file; with --resume the one to continue (default: a new one here)");
+  add_results(*command, arguments->results,
+              "results file; with --resume the one to continue (default: a new one here)");
   command->add_flag("--resume", arguments->resume, "continue the search in the results file")
       ->needs("--results");
   add_format(*command, arguments->format);
