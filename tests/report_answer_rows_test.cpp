@@ -1,5 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The first screen's rows and next steps, where runs are of several kinds.
+#include <filesystem>
+#include <fstream>
+
+#include <unistd.h>
+
 #include "gate/gate.hpp"
 #include "report/words.hpp"
 #include "report_answers.hpp"
@@ -111,6 +116,49 @@ TEST(Answer, WordOfAForeignFileIsNoOptionOfACommand) {
   amend(one.run.asked, {{"command_line", {"ontime", "run", "demo"}}, {"scenario_file", "--junit=/tmp/made"}});
   for (const auto& command : commands_of(answer_of({one}, kept)))
     EXPECT_THAT(command, AllOf(::testing::Not(HasSubstr("junit")), ::testing::Not(HasSubstr("--only"))));
+}
+
+// Of a file that a stranger made: what it names would run as root.
+TEST(Answer, NextCommandOfAForeignFileNamesNoScenarioOfAnotherUser) {
+  auto one = run(1, "a", "udp", {}, 5);
+  const auto own = std::filesystem::temp_directory_path() / fmt::format("ontime-answer-{}.yaml", getpid());
+  const auto late_of = [&](const std::string& scenario, const std::string& file) {
+    amend(one.run.asked, {{"command_line", {"ontime", "run", scenario}}, {"scenario_file", file}});
+    return commands_of(answer_of({one}, {"r.ontime", true})).front();
+  };
+  const std::string unknown = "ontime run SCENARIO --only a --explain";
+  EXPECT_EQ(late_of(own, own), unknown) << "it is not there";
+  std::ofstream(own) << "title: x\n";
+  EXPECT_EQ(late_of(own, own), fmt::format("ontime run {} --only a --explain", own.string()));
+  if (chown(own.c_str(), 12345, 12345) == 0) {
+    EXPECT_EQ(late_of(own, own), unknown);
+  }
+  std::filesystem::remove(own);
+  EXPECT_EQ(late_of("demo", "/x/demo.yaml"), "ontime run demo --only a --explain");
+  EXPECT_EQ(late_of("lab/tsn", "/x/tsn.yaml"), "ontime run lab/tsn --only a --explain");
+  EXPECT_EQ(late_of(".", "."), unknown);
+  EXPECT_EQ(late_of("absent.yaml", "/x/absent.yaml"), unknown);
+}
+
+TEST(Answer, NextCommandOfAForeignFileHasNoOptionOfATransport) {
+  auto one = run(1, "ping", "udp", {}, 5);
+  amend(one.run.asked,
+        {{"scenario_file", nullptr},
+         {"command_line",
+          {"ontime", "ping", "--peer=evil", "--option", "config=/tmp/evil.xml", "--period", "1ms"}}});
+  EXPECT_EQ(commands_of(answer_of({one}, {"r.ontime", true})).front(),
+            "ontime ping --peer HOST --option NAME=VALUE --period 1ms --explain --results why.ontime");
+  EXPECT_THAT(commands_of(answer_of({one}, kept)).front(), HasSubstr("--option config=/tmp/evil.xml"));
+}
+
+TEST(Answer, FinishesAsTheCallerSays) {
+  auto one = run(1, "a", "udp", {});
+  amend(one.run.outcome, "/interrupted", true);
+  auto origin = kept;
+  origin.finish = "ontime run one.yaml two.yaml --resume";
+  const auto commands = commands_of(answer_of({one}, origin));
+  EXPECT_EQ(commands.front(), origin.finish);
+  EXPECT_THAT(commands, testing::Not(testing::Contains(HasSubstr("--resume --results"))));
 }
 
 TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {

@@ -171,7 +171,7 @@ TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
         {{{"asked", "SCHED_FIFO 80 for thread send"},
           {"found", "Operation not permitted"},
           {"remedy", "run as root"}}});
-  const auto answer = answer_of({one}, {"r.ontime", false});
+  const auto answer = answer_of({one}, {.file = "r.ontime", .is_own = true});
   EXPECT_EQ(answer.rows.front().state, State::not_applied);
   EXPECT_THAT(answer.sentence, HasSubstr("no run was measured as requested"));
   EXPECT_THAT(answer.cautions, Contains(HasSubstr("denied: SCHED_FIFO 80 for thread send")));
@@ -224,14 +224,14 @@ TEST(Answer, EmptyPayloadIsShownAndAnUnknownOneIsNot) {
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   auto one = run_without_a_late_message();
   amend(one.run.asked, "/command_line",
-        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a", "b", "--fail-if", "late > 0",
-         "--results", "old.ontime"});
+        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a,b", "--explain", "other.yaml",
+         "--fail-if", "late > 0", "--results", "old.ontime"});
   EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime run scenarios/demo.yaml --only a b --duration 5min"));
+              Contains("ontime run scenarios/demo.yaml --only a,b --duration 5min"));
   amend(one.run.outcome, "/interrupted", true);
-  EXPECT_THAT(
-      commands_of(answer_of({one}, kept)),
-      Contains("ontime run scenarios/demo.yaml --duration=5s --only a b --resume --results demo.ontime"));
+  EXPECT_THAT(commands_of(answer_of({one}, kept)),
+              Contains("ontime run scenarios/demo.yaml --duration=5s --only a,b --explain --resume --results "
+                       "demo.ontime"));
 }
 
 TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
@@ -466,12 +466,13 @@ TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {
   auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
   amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");
   amend(one.run.asked, "/command_line", json::array());
-  auto commands = commands_of(answer_of({one}, {"my results.ontime", true}));
+  auto commands =
+      commands_of(answer_of({one}, {.file = "my results.ontime", .is_root = true, .is_own = true}));
   EXPECT_THAT(commands,
               Contains("ontime run '/tmp/$(reboot).yaml' --only 'a'\\''; rm -rf $HOME; '\\''' --explain"));
   EXPECT_THAT(commands, Contains("ontime report 'my results.ontime' --full"));
   amend(one.run.asked, "/scenario_file", "/tmp/\x1b]0;x\x07.yaml");
-  commands = commands_of(answer_of({one}, {"r", true}));
+  commands = commands_of(answer_of({one}, {.file = "r", .is_root = true, .is_own = true}));
   EXPECT_THAT(commands, ElementsAre("ontime report r --full"));
 }
 

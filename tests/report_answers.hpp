@@ -7,7 +7,7 @@
 
 namespace ontime::report {
 
-inline const Origin kept{"demo.ontime", true};
+inline const Origin kept{.file = "demo.ontime", .is_root = true, .is_own = true};
 
 struct Conditions {
   bool load = false, realtime = false;

@@ -37,8 +37,8 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
   const auto end = lab.measure(writer, terminal, interrupts);
   const bool has_more = !end.unfinished.empty() && !writer.reader().runs().empty();
   const auto go_on = has_more ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
-  return show_measured({writer, results, known, end.code, end.unfinished, go_on, scenarios.size()}, format,
-                       arguments.full, flags, gates, terminal);
+  return show_measured({writer, results, known, end.code, end.unfinished, go_on}, format, arguments.full,
+                       flags, gates, terminal);
 }
 
 int shell(const LabFlags& flags) {

@@ -140,7 +140,7 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
   auto words = command_line().get<std::vector<std::string>>();
   if (!named) words.insert(words.end(), {"--results", results});
   if (!resumes) words.emplace_back("--resume");
-  return "to continue: " + table::shell_line(words);
+  return table::shell_line(words);
 }
 
 bool is_for_people(report::Format format) {
@@ -162,7 +162,7 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   terminal.does("judging the runs");
   auto summaries = statistics::summarise(measured.writer.reader());
   const auto say_how_to_go_on = [&] {
-    if (!measured.to_go_on.empty()) terminal.note(measured.to_go_on);
+    if (!measured.to_go_on.empty()) terminal.note("to continue: " + measured.to_go_on);
   };
   if (summaries.size() == measured.known) {  // no run was measured
     say_how_to_go_on();
@@ -184,12 +184,10 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
     terminal.note(fmt::format("results: {}; no page: {}", measured.results, error.what()));
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
-  print(shown(fresh, format, full, measured.results));  // last, so that the terminal shows it
+  // Last, so that the terminal shows it.
+  print(shown(fresh, format, full, {.file = measured.results, .is_own = true, .finish = measured.to_go_on}));
   if (full && is_for_people(format)) explain_new(measured.writer, measured.known, format);
-  // The summary's own step is for one scenario.
-  const bool is_said = measured.scenarios == 1 && !full && format == report::Format::table &&
-                       offers_to_finish(fresh, measured.results);
-  if (!is_said) say_how_to_go_on();
+  if (full || format != report::Format::table) say_how_to_go_on();  // the summary says it
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

@@ -37,8 +37,7 @@ struct Measured {
   std::size_t known;
   int code;
   std::string unfinished{};
-  std::string to_go_on{};     // a note; "": nothing is left to measure
-  std::size_t scenarios = 1;  // the summary's next step finishes one
+  std::string to_go_on{};  // the command line; "": nothing is left to measure
 };
 // Shows and judges the runs, and writes the page. Says how to go on, once. Missed requirements go into the
 // results, too. Returns the exit code.

@@ -13,12 +13,10 @@
 #include <boost/algorithm/string/replace.hpp>
 #include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "orders/orders.hpp"
-#include "report/answer.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -74,15 +72,10 @@ std::string for_terminal(std::string text, int descriptor) {
 std::string for_output(std::string text) { return for_terminal(std::move(text), STDOUT_FILENO); }
 
 std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
-                  const std::string& results, const std::vector<std::string>& only) {
-  const report::Origin origin{results, geteuid() == 0, fmt::format("{}", fmt::join(only, ","))};
+                  report::Origin origin) {
+  origin.is_root = geteuid() == 0;
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());
-}
-
-bool offers_to_finish(const std::vector<statistics::Summary>& runs, const std::string& results) {
-  const auto steps = report::answer_of(runs, {results, geteuid() == 0}).next;
-  return std::ranges::find(steps, report::Answer::finish, &report::Answer::Step::why) != steps.end();
 }
 
 std::string about(std::chrono::duration<double> time) {

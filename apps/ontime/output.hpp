@@ -34,11 +34,7 @@ std::string beginning_of(const std::string& path, std::size_t bytes);
 bool is_results(const std::string& path);  // by its first bytes
 
 // The summary of these runs; with `full`, or in another format than a table, everything.
-std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
-                  const std::string& results, const std::vector<std::string>& only = {});
-
-// Whether its summary has the step that measures what is left.
-bool offers_to_finish(const std::vector<statistics::Summary>&, const std::string& results);
+std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full, report::Origin);
 
 // The reader of standard output has closed the pipe (`| head`): main() then ends by SIGPIPE.
 struct ReaderGone {};

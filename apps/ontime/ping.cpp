@@ -53,7 +53,8 @@ void add_ping(Command& app) {
                          : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
     // Also shows what a failed run measured. Without a pong there is no run.
     const auto measured = statistics::summarise(writer.reader(), known);
-    if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
+    if (!measured.empty())
+      print(shown(measured, format, arguments->full, {.file = arguments->results, .is_own = true}));
     if (keeps_no_traces || (arguments->full && is_for_people(format))) explain_new(writer, known, format);
     return code;
   });

@@ -3,6 +3,9 @@
 
 #include <filesystem>
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
@@ -42,7 +45,8 @@ void add_report(Command& app) {
         : arguments->layers ? report::render_layers(summaries, format, output_columns())
         : format == report::Format::html
             ? page::page_of(reader, summaries, std::filesystem::path(arguments->results).filename().string())
-            : shown(summaries, format, arguments->full, arguments->results, arguments->only);
+            : shown(summaries, format, arguments->full,
+                    {.file = arguments->results, .only = fmt::format("{}", fmt::join(arguments->only, ","))});
     output.write(text);
     output.finish();
     return flags->finish(flags->judge_wanted(gates, summaries), arguments->results);

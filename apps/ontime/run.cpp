@@ -148,8 +148,8 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   }
   if (arguments.only_measure) return code;
   const auto go_on = code == 130 ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
-  return show_measured({writer, results, known, code, unfinished, go_on, scenarios.size()}, format,
-                       arguments.full, flags, gates, terminal);
+  return show_measured({writer, results, known, code, unfinished, go_on}, format, arguments.full, flags,
+                       gates, terminal);
 }
 
 }  // namespace

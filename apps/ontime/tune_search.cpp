@@ -267,7 +267,7 @@ int Searched::show(const search::Links& links) const {
   print_error("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(text_of(report));
   if (outcome_.end == search::End::no_time || outcome_.end == search::End::cannot_measure)
-    print_error(to_go_on(results, !arguments_.results.empty(), arguments_.resume));
+    print_error("to continue: " + to_go_on(results, !arguments_.results.empty(), arguments_.resume));
   return exit_code();
 }
 

@@ -16,9 +16,11 @@ namespace ontime::report {
 
 // Where the runs come from, for commands that users paste.
 struct Origin {
-  std::string file;       // the results file; empty: none was kept
-  bool is_root = false;   // commands need no sudo
-  std::string only = {};  // these are the runs that `--only` chose; empty: all of the file
+  std::string file;         // the results file; empty: none was kept
+  bool is_root = false;     // commands need no sudo
+  std::string only = {};    // these are the runs that `--only` chose; empty: all of the file
+  bool is_own = false;      // this process measured them: their command lines are no stranger's
+  std::string finish = {};  // the command line that measures what is left; empty: as the runs tell it
 };
 
 struct Answer {
@@ -46,8 +48,7 @@ struct Answer {
   struct Step {
     std::string why, command;
   };
-  static constexpr const char* finish = "Finish";  // the step that measures what is left of a scenario
-  std::string sentence;                            // what the conditions did
+  std::string sentence;    // what the conditions did
   std::string conditions;  // what all runs have in common: "500 B every 10 ms, 20 s a run"
   const char* times = "waits and round trips";  // of the rows
   std::vector<Row> rows;

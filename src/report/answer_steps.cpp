@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <initializer_list>
 #include <optional>
@@ -8,6 +9,8 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "report/answer.hpp"
 #include "report/words.hpp"
@@ -47,6 +50,21 @@ std::string scenario_of(const Summary& run) {
 using Options = std::span<const std::string_view>;
 bool is_one_of(std::string_view word, Options all) { return std::ranges::find(all, word) != all.end(); }
 
+// A scenario is code, and users paste these commands, many with sudo. A bare word is an installed scenario,
+// and so is at most a path such as paper/test1 that is not here. Any other must be a file of this user, or
+// root's.
+bool is_trusted(const std::string& scenario) {
+  const bool has_folder = scenario.find('/') != std::string::npos;
+  if (!has_folder && !scenario.ends_with(".yaml") && !scenario.starts_with('.')) return true;
+  struct stat file {};
+  if (stat(scenario.c_str(), &file) != 0)
+    return has_folder && !scenario.starts_with('/') && !scenario.starts_with('.');
+  const char* const user = std::getenv("SUDO_UID");  // NOLINT(concurrency-mt-unsafe): nothing sets it
+  if (!S_ISREG(file.st_mode)) return false;          // of a folder, each file could be another's
+  return file.st_uid == 0 || file.st_uid == geteuid() ||
+         (geteuid() == 0 && user != nullptr && std::to_string(file.st_uid) == user);
+}
+
 // "--duration" of "--duration=5s".
 std::string name_of_option(const std::string& word) { return word.substr(0, word.find('=')); }
 
@@ -54,6 +72,7 @@ constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
 constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
                                        "--transports", "--duration", "--explain"};
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
+constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live"};
 constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only", "--transports",
                                                 "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
@@ -67,23 +86,27 @@ std::vector<std::string> options_of(const Summary& run, const std::string& scena
   if (in_lab && words.size() > 1 && words[1] == "run") return kept;
   bool keeps = false;
   for (std::size_t i = 2; i < words.size(); ++i) {
-    if (words[i].starts_with('-')) {
+    const bool is_option = words[i].starts_with('-');
+    if (is_option) {
       const auto name = name_of_option(words[i]);
       keeps = is_one_of(name, wanted) || (in_lab && is_one_of(name, of_the_lab));
     }
     if (keeps && words[i] != scenario) kept.push_back(words[i]);
+    // At most one value: what follows would be another scenario.
+    keeps = keeps && is_option && name_of_option(words[i]) == words[i] && !is_one_of(words[i], without_value);
   }
   return kept;
 }
 
-// The words that measure this run again; none, if they are not known.
-std::vector<std::string> again(const Summary& run, Options wanted) {
+// The words that measure this run again; none, if they are not known. With placeholders where a stranger's
+// file would choose what runs, or where it sends.
+std::vector<std::string> again(const Summary& run, Options wanted, bool is_own) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (scenario.starts_with('-')) return {};  // of a foreign file: it would be an option
     std::vector<std::string> all = {"ontime"};
     if (is_simulated(run)) all.emplace_back("lab");
-    all.insert(all.end(), {"run", scenario});
+    all.insert(all.end(), {"run", is_own || is_trusted(scenario) ? scenario : "SCENARIO"});
     const auto options = options_of(run, scenario, wanted);
     all.insert(all.end(), options.begin(), options.end());
     return all;
@@ -99,6 +122,11 @@ std::vector<std::string> again(const Summary& run, Options wanted) {
   std::vector<std::string> kept = {"ontime"};
   for (std::size_t i = 1; i < words.size(); ++i) {
     const auto option = name_of_option(words[i]);
+    if (!is_own && (option == "--option" || option == "--peer")) {
+      kept.insert(kept.end(), {option, option == "--peer" ? "HOST" : "NAME=VALUE"});
+      if (option == words[i]) ++i;
+      continue;
+    }
     if (!is_dropped(option)) {
       kept.push_back(words[i]);
       continue;
@@ -135,6 +163,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if (const auto line = shell_line(words); line && !words.empty())
       steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
   };
+  const auto again = [&](const Summary& run, Options wanted) {
+    return report::again(run, wanted, origin.is_own);
+  };
   const auto with = [](std::vector<std::string> words, std::initializer_list<std::string> further) {
     if (!words.empty()) words.insert(words.end(), further);
     return words;
@@ -145,9 +176,11 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     return words.size() > 1 && words[1] != "ping" && !is_of_listen(words);
   };
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
-  if (found.unfinished != nullptr && !origin.file.empty())
+  if (!origin.finish.empty())
+    steps.push_back({"Finish", origin.finish});
+  else if (found.unfinished != nullptr && !origin.file.empty())
     if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
-      add(Answer::finish, with(words, {"--resume", "--results", origin.file}),
+      add("Finish", with(words, {"--resume", "--results", origin.file}),
           found.failed && needs_root(*found.unfinished));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
