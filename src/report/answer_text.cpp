@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <array>
 #include <functional>
 #include <numeric>
+#include <ranges>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -113,13 +116,15 @@ std::size_t lines_in(const std::string& text, std::size_t width) {
   return lines;
 }
 
-std::string cautions_of(const Answer& answer, std::size_t width, std::size_t lines) {
+// `lines`: of each that is shown.
+std::string cautions_of(const Answer& answer, std::size_t width, std::span<const std::size_t> lines) {
   constexpr std::size_t heading = sizeof("Caution: ");
-  const std::size_t wrapping = lines > 1 ? 8 : 0;
-  const auto room = lines * (width - 2) - std::min(heading + wrapping, width);
   std::string text;
-  for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
+  for (std::size_t i = 0; i < std::min(lines.size(), answer.cautions.size()); ++i) {
+    const std::size_t wrapping = lines[i] > 1 ? 8 : 0;
+    const auto room = lines[i] * (width - 2) - std::min(heading + wrapping, width);
     text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
+  }
   if (answer.cautions.size() > most_cautions)
     text += fmt::format("… and {} (--full)\n",
                         many(answer.cautions.size() - most_cautions, "more caution", "more cautions"));
@@ -161,15 +166,20 @@ std::string text_of(const Answer& answer, std::size_t width) {
   const auto steps = steps_text(answer.next, width);
   std::string rest;
   std::size_t taken = 0;
-  const auto fits = [&](std::size_t lines) {
+  std::array<std::size_t, most_cautions> lines{};
+  lines.fill(most_lines);
+  const auto fits = [&] {
     rest = cautions_of(answer, width, lines) + steps;
     taken = lines_in(text, width) + lines_in(rest, width) + header;
     return taken + answer.rows.size() <= screen_lines;
   };
-  // The fix stands at the end of a caution: it is cut only where all rows fit then.
-  auto lines = most_lines;
-  while (lines > 0 && !fits(lines)) --lines;
-  if (lines == 0) fits(few_lines);
+  // The fix stands at the end of a caution: it is cut only where all rows fit then, of the last one first.
+  for (auto& most : std::views::reverse(lines))
+    while (!fits() && most > 1) --most;
+  if (!fits()) {
+    lines.fill(few_lines);
+    fits();
+  }
   constexpr std::size_t fewest_rows = 2;
   const std::size_t free =
       taken + fewest_rows + note < screen_lines ? screen_lines - taken : fewest_rows + note;
