@@ -1,4 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <set>
+
 #include <gtest/gtest.h>
 
 #include "record/outcome.hpp"
@@ -8,6 +13,55 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
+
+// The names in the lists of fields of a struct, and of those below it.
+struct Names {
+  std::set<std::string> all{};
+
+  void add(const auto&) {}
+  template <typename Value>
+  void add(const std::vector<Value>&) {
+    add(Value());
+  }
+  template <typename Value>
+  void add(const std::optional<Value>&) {
+    add(Value());
+  }
+  template <typename Value>
+  void add(const ByName<Value>&) {
+    add(Value());
+  }
+  template <typename Value>
+  requires requires(Value& value) {
+    Value::fields(value, [](const char*, auto&, auto...) {});
+  }
+  void add(const Value& value) {
+    Value::fields(value, [&](const char* name, const auto& member, auto...) {
+      all.insert(name);
+      add(member);
+    });
+  }
+};
+
+TEST(Outcome, EachNameIsInTheReference) {
+  std::set<std::string> words;
+  for (const auto& page : std::filesystem::directory_iterator(ONTIME_TEST_DATA "/../../docs/reference")) {
+    std::ifstream file(page.path());
+    const std::string text(std::istreambuf_iterator<char>(file), {});
+    static const std::regex word("[a-z][a-z0-9_]*");
+    for (std::sregex_iterator one(text.begin(), text.end(), word), end; one != end; ++one)
+      words.insert(one->str());
+  }
+  Outcome with_counters;
+  with_counters.has_counters = true;
+  Names names;
+  names.add(with_counters);
+  names.add(Asked());
+  names.add(LateCause());
+  EXPECT_GT(names.all.size(), 100u);
+  for (const auto& name : names.all)
+    EXPECT_TRUE(words.contains(name)) << name << " is in no page of docs/reference";
+}
 
 TEST(Outcome, RunThatWasCutOffHasNone) {
   EXPECT_FALSE(Outcome().has_ended());
