@@ -235,7 +235,7 @@ TEST_F(Journals, ChangesOfAKilledProcessAreUndone) {
   EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it lives";
   victim.kill_9();
   EXPECT_THAT(revert_abandoned(),
-              ElementsAre(AllOf(HasSubstr(victim.said()), HasSubstr(std::to_string(getpid())))))
+              ElementsAre(AllOf(HasSubstr(victim.said()), HasSubstr(std::to_string(victim.pid())))))
       << "not yet waited for, but gone";
   EXPECT_FALSE(fs::exists(victim.said()));
 }

@@ -138,17 +138,21 @@ TEST(Answer, NextCommandOfAForeignFileNamesNoScenarioOfAnotherUser) {
   EXPECT_EQ(late_of("lab/tsn", "/x/tsn.yaml"), "ontime run lab/tsn --only a --explain");
   EXPECT_EQ(late_of(".", "."), unknown);
   EXPECT_EQ(late_of("absent.yaml", "/x/absent.yaml"), unknown);
+  EXPECT_EQ(late_of("paper/../../../x/evil.yaml", "/x/evil.yaml"), unknown);
 }
 
 TEST(Answer, NextCommandOfAForeignFileHasNoOptionOfATransport) {
   auto one = run(1, "ping", "udp", {}, 5);
-  amend(one.run.asked,
-        {{"scenario_file", nullptr},
-         {"command_line",
-          {"ontime", "ping", "--peer=evil", "--option", "config=/tmp/evil.xml", "--period", "1ms"}}});
+  amend(one.run.asked, {{"scenario_file", nullptr},
+                        {"command_line",
+                         {"ontime", "ping", "--peer", "evil", "worse", "--option", "config=/tmp/evil.xml",
+                          "--period", "1ms"}}});
   EXPECT_EQ(commands_of(answer_of({one}, {"r.ontime", true})).front(),
             "ontime ping --peer HOST --option NAME=VALUE --period 1ms --explain --results why.ontime");
   EXPECT_THAT(commands_of(answer_of({one}, kept)).front(), HasSubstr("--option config=/tmp/evil.xml"));
+  amend(one.run.asked, "/command_line", {"ontime", "listen", "--metrics", "0.0.0.0:9100", "/scan"});
+  EXPECT_THAT(commands_of(answer_of({one}, {"r.ontime", true})),
+              testing::Each(testing::Not(HasSubstr("0.0.0.0"))));
 }
 
 TEST(Answer, FinishesAsTheCallerSays) {

@@ -362,10 +362,10 @@ TEST(Answer, WorstWaitThatNoAnswerEndedIsOpen) {
   }
 }
 
-TEST(Answer, ALostMessageWaitedAtLeastTheTimeOut) {
+TEST(Answer, ALostMessageWithoutASampleWaitedAtLeastTheTimeOut) {
   auto one = run(1, "a", "udp", {}, 1);
-  one.lost = 1;
   one.late = 0;
+  amend(one.run.outcome, {{"lost", 1}, {"dropped_records", 1}});
   const auto answer = answer_of({one}, kept);
   EXPECT_EQ(answer.rows.front().worst_wait_ns, 500.0 * ms);
   EXPECT_TRUE(answer.rows.front().is_open);

@@ -300,6 +300,25 @@ TEST(Summary, CyclesBeforeALostMessageWaitForTheNextAnswer) {
   EXPECT_EQ(summary.response.count, 1u + 2 + 50 + 1);
   EXPECT_EQ(summary.response.max, 540 * ms + 52 * us - 10 * ms) << "the first that waited was due at 10 ms";
   EXPECT_EQ(summary.open_wait_ns, 0) << "an answer ended it";
+  EXPECT_EQ(summary.lost_wait_ns, 540 * ms + 52 * us - 30 * ms) << "the lost message's own cycle";
+}
+
+TEST(Summary, CycleOfALostMessageWaitsForTheNextAnswerAndLongerThanItsTimeOut) {
+  // Lost messages are given up 500 ms after they were sent.
+  const auto next = summary_of(
+      {answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 0), answered(2, 1010 * ms, 0, us)}, asked_next_free);
+  EXPECT_EQ(next.lost_wait_ns, 1000 * ms + 52 * us);
+  EXPECT_EQ(next.open_wait_ns, 0);
+  EXPECT_LT(next.response.max, ms) << "it has no response time";
+
+  const auto meanwhile = summary_of({lost(0, 0 * ms, 0), lost(1, 10 * ms, 0), answered(2, 20 * ms, 0, us)},
+                                    {{"schedule", "fixed"}, {"timeout_us", 500000}});
+  EXPECT_EQ(meanwhile.lost_wait_ns, 0);
+  EXPECT_EQ(meanwhile.open_wait_ns, 500 * ms + 51 * us) << "the next answer was not for it";
+
+  const auto none =
+      summary_of({answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 0), lost(2, 510 * ms, 0)}, asked_next_free);
+  EXPECT_EQ(none.open_wait_ns, 1000 * ms + 51 * us);
 }
 
 TEST(Summary, CyclesAfterTheLastMessageCountToo) {

@@ -10,6 +10,7 @@
 
 #include <CLI/CLI.hpp>
 #include <boost/algorithm/string/trim.hpp>
+#include <fmt/format.h>
 #include <unistd.h>
 
 #include "output.hpp"
@@ -94,10 +95,16 @@ Option* Option::given() {
 }
 Option* Option::in_a_folder() {
   const auto flaw = [](const std::string& file) -> std::string {
-    std::error_code none;
-    if (fs::is_directory(file, none)) return file + " is a folder. Fix: name a file in it";
-    const auto folder = fs::absolute(file).parent_path();
-    return fs::is_directory(folder, none) ? "" : folder.string() + " is no folder. Fix: make it first";
+    const auto name = table::printable(file);
+    std::error_code none, unknown;
+    if (fs::is_directory(file, none)) return name + " is a folder. Fix: name a file in it";
+    const auto folder = fs::path(file).has_parent_path() ? fs::path(file).parent_path() : fs::path(".");
+    // Where it cannot be looked for, opening the file says why.
+    return fs::is_directory(folder, unknown) || (unknown && unknown != std::errc::no_such_file_or_directory &&
+                                                 unknown != std::errc::not_a_directory)
+               ? ""
+               : fmt::format("{}: {} is no folder. Fix: make it first", name,
+                             table::printable(folder.string()));
   };
   option_->check(CLI::Validator(flaw, ""));
   return this;

@@ -113,7 +113,8 @@ std::string new_results_file(const std::string& scenario) {
 }
 
 void check_results(const std::string& file, bool resume) {
-  if (!resume && fs::exists(fs::symlink_status(file)))
+  std::error_code unknown;  // then opening it says why
+  if (!resume && fs::exists(fs::symlink_status(file, unknown)))
     throw campaign::Error(
         2, fmt::format("--results: {} exists. Fix: name another file, or continue this one with --resume",
                        file));

@@ -23,6 +23,7 @@
 
 #include "gate/gate.hpp"
 #include "output.hpp"
+#include "process/process.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -243,7 +244,7 @@ campaign::Interrupts& catch_interrupts(const std::string& text) {
 
 bool was_stopped() { return last_signal == SIGTERM || (last_signal == 0 && interrupts > 0); }
 
-nlohmann::json command_line() { return orders::command_line(); }
+nlohmann::json command_line() { return process::command_line(); }
 
 void clear_progress_line() {
   const std::lock_guard lock(line_mutex);

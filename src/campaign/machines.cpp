@@ -17,6 +17,7 @@
 #include "campaign/deploy.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
+#include "process/process.hpp"
 #include "table/table.hpp"
 
 namespace ontime::campaign {
@@ -52,7 +53,7 @@ std::vector<std::string> command_of(const Host& host, const std::vector<std::str
 
 // Whom the keeper names to another ontime that wants the machine: here this process, there its command line.
 json holder_of(const Host& where) {
-  const auto command = fmt::format("{}", fmt::join(orders::command_line(), " "));
+  const auto command = fmt::format("{}", fmt::join(process::command_line(), " "));
   if (where.ssh.empty()) return {{"pid", getpid()}, {"command", command}};
   const char* user = std::getenv("SUDO_USER");      // NOLINT(concurrency-mt-unsafe): nothing sets it
   if (user == nullptr) user = std::getenv("USER");  // NOLINT(concurrency-mt-unsafe): nothing sets it
@@ -87,7 +88,7 @@ class Problems {
 }  // namespace
 
 std::string as_root() {
-  const auto command = table::shell_line(orders::command_line());
+  const auto command = table::shell_line(process::command_line());
   return table::printable(command) == command ? "sudo " + command : "run it as root";
 }
 

@@ -422,6 +422,7 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
     return by_answer(statistics::difference_exceeds(change, permitted_of(gate, change) - change.from), says);
   }
   const auto in_percent = [](double ratio) {
+    if (ratio > 100) return std::string("over 100 times");
     const double percent = (ratio - 1) * 100;
     return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
   };

@@ -4,18 +4,18 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
-#include <fstream>
-#include <iterator>
 #include <optional>
 #include <thread>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "journal/folder.hpp"
 #include "journal/format.hpp"
 #include "journal/kinds.hpp"
 #include "journal/place.hpp"
 #include "journal/revert.hpp"
+#include "process/process.hpp"
 
 namespace ontime::journal {
 namespace {
@@ -24,13 +24,6 @@ using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
 constexpr auto holder_may_end_in = 3s;
-
-std::string own_command_line() {
-  std::ifstream file("/proc/self/cmdline");
-  std::string command(std::istreambuf_iterator<char>(file), {});
-  while (!command.empty() && command.back() == '\0') command.pop_back();
-  return command;
-}
 
 // For people: no control characters.
 std::string plain(std::string text) {
@@ -73,7 +66,7 @@ Journal::GivenBack Journal::hold() {
   auto& folder = *entered;
   auto [name, fd] = folder.add_journal();
   try {
-    const auto [pid, command] = holder_ ? *holder_ : Holder{getpid(), own_command_line()};
+    const auto [pid, command] = holder_ ? *holder_ : Holder{getpid(), fmt::format("{}", fmt::join(process::command_line(), " "))};
     append(fd.get(), line_of(Header{boot_id(), pid, plain(command)}));
   } catch (const Error&) {
     folder.remove(name);

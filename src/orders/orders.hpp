@@ -191,6 +191,5 @@ class Coordinator {
 
 // The path of this program, with which workers on this machine are started.
 std::string this_program();
-std::vector<std::string> command_line();  // of this process
 
 }  // namespace ontime::orders

@@ -4,7 +4,6 @@
 #include <array>
 #include <cerrno>
 #include <filesystem>
-#include <fstream>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -46,13 +45,6 @@ struct Pipe {
 }  // namespace
 
 std::string this_program() { return std::filesystem::read_symlink("/proc/self/exe").string(); }
-
-std::vector<std::string> command_line() {
-  std::vector<std::string> words;
-  std::ifstream arguments("/proc/self/cmdline");
-  for (std::string word; std::getline(arguments, word, '\0');) words.push_back(word);
-  return words;
-}
 
 Process::Process(std::string name, const std::vector<std::string>& command, Between between)
     : name_(std::move(name)),

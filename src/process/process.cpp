@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstddef>
+#include <fstream>
 #include <sstream>
 
 #include <signal.h>
@@ -32,6 +33,13 @@ Started start(std::vector<std::string> command, const std::array<int, 3>& stream
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   return {pid, error};
+}
+
+std::vector<std::string> command_line() {
+  std::vector<std::string> words;
+  std::ifstream arguments("/proc/self/cmdline");
+  for (std::string word; std::getline(arguments, word, '\0');) words.push_back(word);
+  return words;
 }
 
 std::optional<Stat> parse_stat(const std::string& text) {

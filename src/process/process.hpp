@@ -24,6 +24,8 @@ enum class Group { own, callers };
 // 1 and 2 are the caller's own.
 Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group = Group::own);
 
+std::vector<std::string> command_line();  // of this process; empty without /proc
+
 // Whether it has ended. Its id stays taken until wait_for().
 bool has_ended(pid_t);
 int wait_for(pid_t);  // the status of waitpid()

@@ -34,10 +34,11 @@ struct Wait {
 Wait worst_wait_of(const Summary& run) {
   const auto& client = run.run.asked.task.client;
   const auto fates = statistics::fates_of(run);
-  const auto ended_ns = static_cast<double>(std::max(run.response.max, run.round_trip.max));
+  const auto ended_ns =
+      static_cast<double>(std::max({run.response.max, run.round_trip.max, run.lost_wait_ns}));
   auto open_ns = static_cast<double>(run.open_wait_ns);
   // Where samples are missing, the client's counts tell at least how long the waits were.
-  if (fates.lost > 0) open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
+  if (fates.lost > run.lost) open_ns = std::max(open_ns, static_cast<double>(client.timeout.count()));
   if (fates.late > run.late) open_ns = std::max(open_ns, static_cast<double>(client.deadline.count()));
   return {std::max(ended_ns, open_ns), open_ns > 0 && open_ns >= ended_ns};
 }

@@ -58,7 +58,8 @@ bool is_trusted(const std::string& scenario) {
   if (!has_folder && !scenario.ends_with(".yaml") && !scenario.starts_with('.')) return true;
   struct stat file {};
   if (stat(scenario.c_str(), &file) != 0)
-    return has_folder && !scenario.starts_with('/') && !scenario.starts_with('.');
+    return has_folder && !scenario.starts_with('/') && !scenario.starts_with('.') &&
+           scenario.find("..") == std::string::npos;
   const char* const user = std::getenv("SUDO_UID");  // NOLINT(concurrency-mt-unsafe): nothing sets it
   if (!S_ISREG(file.st_mode)) return false;          // of a folder, each file could be another's
   return file.st_uid == 0 || file.st_uid == geteuid() ||
@@ -77,8 +78,12 @@ constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only",
                                                 "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
 
+// Those that name files.
+constexpr std::string_view only_own[] = {"--kernel", "--with"};
+
 // The wanted options of the scenario's command line, with their values; and all options of the lab.
-std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted) {
+std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted,
+                                    bool is_own) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
   const bool in_lab = is_simulated(run);
@@ -89,7 +94,8 @@ std::vector<std::string> options_of(const Summary& run, const std::string& scena
     const bool is_option = words[i].starts_with('-');
     if (is_option) {
       const auto name = name_of_option(words[i]);
-      keeps = is_one_of(name, wanted) || (in_lab && is_one_of(name, of_the_lab));
+      keeps = is_one_of(name, wanted) ||
+              (in_lab && is_one_of(name, of_the_lab) && (is_own || !is_one_of(name, only_own)));
     }
     if (keeps && words[i] != scenario) kept.push_back(words[i]);
     // At most one value: what follows would be another scenario.
@@ -107,7 +113,7 @@ std::vector<std::string> again(const Summary& run, Options wanted, bool is_own) 
     std::vector<std::string> all = {"ontime"};
     if (is_simulated(run)) all.emplace_back("lab");
     all.insert(all.end(), {"run", is_own || is_trusted(scenario) ? scenario : "SCENARIO"});
-    const auto options = options_of(run, scenario, wanted);
+    const auto options = options_of(run, scenario, wanted, is_own);
     all.insert(all.end(), options.begin(), options.end());
     return all;
   }
@@ -122,9 +128,13 @@ std::vector<std::string> again(const Summary& run, Options wanted, bool is_own) 
   std::vector<std::string> kept = {"ontime"};
   for (std::size_t i = 1; i < words.size(); ++i) {
     const auto option = name_of_option(words[i]);
+    if (!is_own && option == "--metrics") {
+      if (option == words[i]) ++i;
+      continue;
+    }
     if (!is_own && (option == "--option" || option == "--peer")) {
       kept.insert(kept.end(), {option, option == "--peer" ? "HOST" : "NAME=VALUE"});
-      if (option == words[i]) ++i;
+      while (i + 1 < words.size() && !words[i + 1].starts_with('-')) ++i;
       continue;
     }
     if (!is_dropped(option)) {

@@ -95,7 +95,7 @@ void keep_what_is_supported(Measured& of, double messages, double share_above, d
 // With 95 % confidence a cause that the run has not seen affects at most 3 in n messages, times the burst
 // size (rule of three); each may take as long as the time-out.
 void add_the_unseen(Measured& mean, double messages, double effect, std::optional<double> longest_ns) {
-  if (!longest_ns && *mean.open == '\0') mean.open = "the time-out is unknown";
+  if (!longest_ns && *mean.open == '\0') mean.open = "no time-out limits these times";
   for (auto* interval : {&mean.sure, &mean.surer}) {
     if (longest_ns && interval->high)
       *interval->high += 3 * effect / messages * *longest_ns;

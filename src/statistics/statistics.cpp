@@ -13,6 +13,7 @@
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
 #include "statistics/imported.hpp"
+#include "statistics/lost_wait.hpp"
 #include "statistics/shape.hpp"
 #include "statistics/values.hpp"
 
@@ -88,12 +89,14 @@ class Pass {
       if (summary_.unanswered_at_end++ == 0) summary_.unanswered_from_ns = sample.due_ns;
       late_by_response_.add(true);
       waited_until_ns_ = nth_after(sample.sent_ns, timeout_ns_.value_or(0), 1);
+      if (timeout_ns_) lost_wait_.lost(sample.due_ns, waited_until_ns_);
       return;
     }
     summary_.unanswered_at_end = 0;
     answered_.add(sample.due_ns);
     ++(sample.fate == Fate::late ? summary_.late : summary_.on_time);
     answer_waiting(sample.received_ns);
+    if (const auto wait = lost_wait_.answered(sample.received_ns)) keep(*wait);
     const auto response_ns = between(sample.due_ns, sample.received_ns);
     response_.add(response_ns);
     response_course_.add(response_ns);
@@ -114,11 +117,13 @@ class Pass {
       waited_until_ns_ = std::max(waited_until_ns_, counted.trailing_until_ns);
     }
     // Those that no answer came to waited at least so long.
+    const auto until_ns =
+        waiting_.empty() ? waited_until_ns_ : std::max(waited_until_ns_, waiting_.back().greatest());
     if (!waiting_.empty()) {
-      const auto until_ns = std::max(waited_until_ns_, waiting_.back().greatest());
       summary_.open_wait_ns = between(waiting_.front().least, until_ns);
       answer_waiting(until_ns);
     }
+    if (const auto wait = lost_wait_.ended(until_ns)) keep(*wait);
     std::move(parts_).into(summary_);
     summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
     summary_.server = Ranks(std::move(server_)).distribution();
@@ -160,6 +165,11 @@ class Pass {
   }
 
  private:
+  void keep(const LostWait::Wait& wait) {
+    auto& longest = wait.is_open ? summary_.open_wait_ns : summary_.lost_wait_ns;
+    longest = std::max(longest, wait.ns);
+  }
+
   void skip(const Series& cycles) {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
@@ -209,6 +219,7 @@ class Pass {
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
   std::vector<Series> waiting_;       // cycles, for the next answer
   std::int64_t waited_until_ns_ = 0;  // at least, if no answer came
+  LostWait lost_wait_;
 };
 
 }  // namespace

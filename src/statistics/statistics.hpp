@@ -114,7 +114,10 @@ struct Summary {
   // such an answer, as long as they are known to have waited. Hides no stall. A lost message has no response
   // time.
   Distribution response;
-  std::int64_t open_wait_ns = 0;  // the longest wait that no answer ended; 0: no such wait, or no cycles
+  // The longest wait that no answer ended; 0: no such wait, or no cycles.
+  std::int64_t open_wait_ns = 0;
+  // The longest of a cycle whose message was lost that the answer to a later one ended; 0: no such wait.
+  std::int64_t lost_wait_ns = 0;
   // Sender wake-up latency: due → woke; none in back-to-back. Of the wake-ups for the cycles skipped before a
   // message only the longest counts.
   Distribution wake_up;

@@ -29,7 +29,6 @@ bool samples_wait(const record::Reader& reader, std::int64_t run) {
 }
 
 void keep(Counted& all, const Worst& wait) {
-  all.response_max_ns = std::max(all.response_max_ns, wait.response_ns);
   if (all.worst.size() == most_worst && wait.response_ns <= all.worst.back().response_ns) return;
   all.worst.push_back(wait);
   std::ranges::stable_sort(all.worst, std::ranges::greater(), &Worst::response_ns);
@@ -44,14 +43,20 @@ void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t
   if (sample.fate == Fate::lost) {
     ++all.lost;
     all.waited_until_ns = nth_after(sample.sent_ns, timeout_ns, 1);
-    if (timeout_ns > 0) keep(all, {{}, at_s(sample.due_ns), 0, between(sample.due_ns, all.waited_until_ns)});
+    if (timeout_ns > 0) all.lost_wait.lost(sample.due_ns, all.waited_until_ns);
     return;
   }
   ++(sample.fate == Fate::late ? all.late : all.on_time);
   const auto round_trip_ns = sample.received_ns - sample.sent_ns;
   all.round_trip.add(round_trip_ns);
   const auto due_ns = std::exchange(all.waiting_since_ns, {}).value_or(sample.due_ns);
-  keep(all, {sample.index, at_s(due_ns), round_trip_ns, sample.received_ns - due_ns});
+  const auto response_ns = between(due_ns, sample.received_ns);
+  all.response_max_ns = std::max(all.response_max_ns, response_ns);
+  const auto lost = all.lost_wait.answered(sample.received_ns);
+  if (lost && lost->is_open) keep(all, {{}, at_s(lost->since_ns), 0, lost->ns});
+  const bool waited_longer = lost && !lost->is_open && lost->ns > response_ns;
+  keep(all, {sample.index, at_s(waited_longer ? lost->since_ns : due_ns), round_trip_ns,
+             waited_longer ? lost->ns : response_ns});
 }
 
 // What no sample shows, as statistics have it: cycles skipped after the last message, and a wait that no
@@ -66,12 +71,15 @@ void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> s
         std::max({all.waited_until_ns, counted.trailing_until_ns,
                   nth_after(counted.trailing_due_ns, period_ns, counted.trailing_cycles - 1)});
   }
-  if (!all.waiting_since_ns) return;
-  const auto since_ns = *all.waiting_since_ns;
-  keep(all, {{},
-             static_cast<double>(between(start_ns.value_or(since_ns), since_ns)) / 1e9,
-             0,
-             between(since_ns, all.waited_until_ns)});
+  auto wait = all.lost_wait.ended(all.waited_until_ns);
+  if (const auto since_ns = all.waiting_since_ns) {
+    const auto skipped_ns = between(*since_ns, all.waited_until_ns);
+    all.response_max_ns = std::max(all.response_max_ns, skipped_ns);
+    if (!wait || wait->ns < skipped_ns) wait = {*since_ns, skipped_ns, true};
+  }
+  if (!wait) return;
+  const auto at_ns = between(start_ns.value_or(wait->since_ns), wait->since_ns);
+  keep(all, {{}, static_cast<double>(at_ns) / 1e9, 0, wait->ns});
 }
 
 // Messages whose samples are missing: the client counted them. Returns how many.
@@ -88,11 +96,16 @@ std::uint64_t add_unrecorded(Counted& all, const roundtrip::Counters& counted) {
 
 // Where only the worst are kept, the outcome has the times of all.
 Buckets times_in(const record::Counts& counted) {
+  constexpr auto most = std::uint64_t{1} << 60;  // of a damaged file: more is neither a time nor a count
   Buckets times;
-  for (const auto& value : counted.values)
-    if (value.is_array() && value.size() == 2 && value[0].is_number_unsigned() &&
-        value[1].is_number_unsigned())
-      times.add(value[0].get<std::int64_t>(), value[1].get<std::uint64_t>());
+  for (const auto& value : counted.values) {
+    if (!value.is_array() || value.size() != 2 || !value[0].is_number_unsigned() ||
+        !value[1].is_number_unsigned())
+      continue;
+    const auto ns = value[0].get<std::uint64_t>(), count = value[1].get<std::uint64_t>();
+    if (ns <= most && count > 0 && count <= most - std::min(times.count(), most))
+      times.add(static_cast<std::int64_t>(ns), count);
+  }
   return times;
 }
 

@@ -14,6 +14,7 @@
 
 #include "listen/listen.hpp"
 #include "record/record.hpp"
+#include "statistics/lost_wait.hpp"
 
 namespace ontime::watch {
 
@@ -54,6 +55,7 @@ struct Counted {
   // `waited_until_ns`.
   std::optional<std::int64_t> waiting_since_ns;
   std::int64_t waited_until_ns = 0;
+  statistics::LostWait lost_wait;
 };
 
 // The recorded part of a run. Once its outcome is known: all messages and cycles, as the report has them. Of
