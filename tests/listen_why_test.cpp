@@ -255,6 +255,16 @@ TEST_F(LateMessage, MessagesThatWereNotTakenAreCounted) {
   EXPECT_THAT(found.sentence, HasSubstr("2 messages"));
 }
 
+TEST_F(LateMessage, WriterMayBeLocalAndNotRecognizedYet) {
+  auto miss = after_gap(0, published + 30 * ms);
+  miss.writer = {};
+  miss.course.before_ns = miss.course.since_ns = miss.course.published_ns = 0;
+  const auto found = why(miss);
+  EXPECT_FALSE(found.is_seen);
+  for (const auto& text : {found.sentence, found.alike})
+    EXPECT_THAT(text, HasSubstr("not recognized yet or runs on another machine"));
+}
+
 TEST_F(LateMessage, EventsThatWereLostExplainNothing) {
   switched(90 * ms, 1, 0, "R", takes);
   window.whole = false;

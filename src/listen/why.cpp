@@ -258,7 +258,8 @@ class Search {
       return not_seen(fmt::format("{} messages before it were published and not taken", miss_.course.missing),
                       "messages before it were published and not taken");
     if (writer.process == 0)
-      return not_seen("its writer is unknown on this machine, and its reader was not delayed");
+      return not_seen(
+          "its writer is not recognized yet or runs on another machine, and its reader was not delayed");
     return not_seen("no kernel event explains the delay between writer and reader");
   }
 
