@@ -230,6 +230,7 @@ TEST(Paper, AllItsRowsAreThere) {
 TEST(Paper, FiguresStandBesideOursWhereTheConditionsAreIts) {
   const auto text = render({summary(asked("Test1.B", "udp"), outcome())}, Format::table);
   EXPECT_THAT(text, HasSubstr("paper's DDS 1"));
+  EXPECT_THAT(text, HasSubstr("The paper's load: 8 workers")) << "it is not of this run";
   EXPECT_EQ(row_of(text, "paper's DDS 2"), (std::vector<std::string>{"paper's", "DDS", "2", "1082", "2150",
                                                                      "26764", "236/58905", "0/58905"}));
   EXPECT_THAT(text, HasSubstr("2018"));

@@ -223,7 +223,7 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   if (any_of_paper(summaries))
     legend +=
         " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "
-        "hours). Load: 8 workers of each kind on the controller, 2 on the component.";
+        "hours). The paper's load: 8 workers of each kind on the controller, 2 on the component.";
   return legend;
 }
 
