@@ -32,7 +32,7 @@ constexpr double farthest = 1000;
 struct Row {
   std::string name;  // of the metric
   Change change;
-  bool is_drawn;  // else its interval tells nothing: the values alone are shown
+  bool has_bar;  // else its interval tells nothing and is only the ratio itself
 };
 struct Panel {
   std::vector<std::string> title;
@@ -65,9 +65,11 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
   for (const auto& text : sides_text(comparison, pair))
     for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
   for (const auto& [times, figure] : ratios)
-    if (const auto change = report::change_of(pair, times, figure); change && change->ratio)
-      panel.rows.push_back(
-          {statistics::name_of(times, figure), *change, !report::tells_nothing(figure, *change)});
+    if (auto change = report::change_of(pair, times, figure); change && change->ratio) {
+      const bool has_bar = !report::tells_nothing(figure, *change);
+      if (!has_bar) change->ratio_lies = {change->ratio, change->ratio};
+      panel.rows.push_back({statistics::name_of(times, figure), *change, has_bar});
+    }
   for (const auto& [times, figure] : shares)
     if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
@@ -99,9 +101,9 @@ struct Ratios {
 Ratios ratios_of(const std::vector<Panel>& panels) {
   Ratios all;
   for (const auto& panel : panels)
-    for (const auto& [name, change, is_drawn] : panel.rows)
+    for (const auto& [name, change, has_bar] : panel.rows)
       for (const auto& ratio : {change.ratio, change.ratio_lies.low, change.ratio_lies.high}) {
-        if (!is_drawn || !ratio || !std::isfinite(*ratio) || *ratio <= 0) continue;
+        if (!ratio || !std::isfinite(*ratio) || *ratio <= 0) continue;
         if (*ratio > *change.ratio * farthest || *ratio * farthest < *change.ratio) {
           all.is_cut = true;
           continue;
@@ -135,14 +137,13 @@ void draw(Sheet& sheet, const Panel& panel, const Box& axes, const Ratios& range
   sheet.data(fmt::format("same{}", number), fmt::format("1 0\n1 {}\n", rows));
   parts.push_back(fmt::format("$same{} with lines linewidth 0.8 linecolor rgb '#000000'", number));
   for (std::size_t i = 0; i < panel.rows.size(); ++i) {
-    const auto& [name, change, is_drawn] = panel.rows[i];
+    const auto& [name, change, has_bar] = panel.rows[i];
     const auto y = static_cast<double>(i) + 0.5, middle = axes.top + y * row_cm;
     const auto low = std::clamp(change.ratio_lies.low.value_or(range.least), range.least, range.greatest),
                high =
                    std::clamp(change.ratio_lies.high.value_or(range.greatest), range.least, range.greatest);
     sheet.text(axes.left - 0.15, middle, name, "right");
     sheet.text(axes.right + 0.15, middle, times_text(change.from, change.to), "left");
-    if (!is_drawn) continue;
     const auto data = fmt::format("change{}_{}", number, i);
     sheet.data(data, fmt::format("{:.6g} {} {:.6g} {:.6g}\n",
                                  std::clamp(*change.ratio, range.least, range.greatest), y, low, high));
@@ -180,8 +181,8 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
        "linewidth 1.2 linecolor rgb '#666666'", "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
       {range.is_cut ? "bar: 98 % confidence interval; to the edge: not bounded within 1,000 times"
                     : "bar: 98 % confidence interval; to the edge: not bounded"}};
-  if (std::ranges::any_of(
-          panels, [](const Panel& panel) { return !std::ranges::all_of(panel.rows, &Row::is_drawn); }))
+  if (std::ranges::any_of(panels,
+                          [](const Panel& panel) { return !std::ranges::all_of(panel.rows, &Row::has_bar); }))
     entries.push_back({"no bar: too few runs or messages to tell"});
   const Legend legend(entries, width - 0.6);
   double height = 0.1 + legend.height_cm() + 0.15 + last_cm - bottom_cm;
