@@ -31,11 +31,39 @@ TEST_F(ScenarioFile, MistypedKeysAreAnsweredWithTheNearestOne) {
   EXPECT_THAT(error("hosts: {componnet: {address: 1.2.3.4}}" + runs), HasSubstr("did you mean 'component'?"));
 }
 
+TEST_F(ScenarioFile, MistakesOfYamlAreNamedInPlainWords) {
+  for (const auto* text : {"title: a: b\n", "runs:\n- {id: a: b}\n", "runs:\n- [a: b: c]\n"})
+    EXPECT_THAT(error(text), HasSubstr("a text with ': ' needs quotes")) << text;
+  EXPECT_THAT(error("runs: [{id: a\n"),
+              HasSubstr(":1:8: this { is not closed: a } or a comma is missing before line 2, column 1"));
+  EXPECT_THAT(error("runs:\n- {id: a, require: [late > 0\n- {id: b}\n"),
+              HasSubstr(":2:20: this [ is not closed: a ] or a comma"));
+  EXPECT_THAT(error("runs:\n- id: a\n    transport: udp\n"),
+              HasSubstr(":3:14: this line is read as part of the value above it"));
+  const auto merged = testing::AllOf(HasSubstr("merge keys (<<) are not supported"), HasSubstr("`defaults`"));
+  EXPECT_THAT(error("runs:\n- &b {id: a, transport: udp}\n- <<: *b\n  id: c\n"), merged);
+  EXPECT_THAT(error("<<: {title: a}\nruns: [{id: a, transport: udp}]\n"), merged);
+}
+
+TEST_F(ScenarioFile, SwitchIsReadAsYamlSpellsIt) {
+  for (const auto* on : {"on", "On", "ON", "yes", "Yes", "TRUE"})
+    EXPECT_FALSE(
+        read(fmt::format("runs: [{{id: a, transport: udp, realtime: {}}}]\n", on)).runs[0].realtime_refused);
+  for (const auto* off : {"Off", "NO", "False"})
+    EXPECT_TRUE(
+        read(fmt::format("runs: [{{id: a, transport: udp, realtime: {}}}]\n", off)).runs[0].realtime_refused);
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, realtime: onn}]\n"), HasSubstr("neither on nor off"));
+}
+
 TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   EXPECT_THAT(error("runs:\n  - id: a\n    transport: udp\n    perid: 10 ms\n"),
               testing::AllOf(HasSubstr(":4:5: unknown key 'perid'"), HasSubstr("period")));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: 10}\n"),
               HasSubstr(":2:37: period: '10' has no unit"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: 100 Hz}\n"),
+              HasSubstr(":2:37: period: '100 Hz' is a rate; a time is needed, such as '10 ms'"));
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, kernel: {rmem-max: 1 B}}\n"),
+              HasSubstr("kernel.rmem-max: 1 B is not a size from 4608 B to 2147483647 B"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: 0 ms}\n"), HasSubstr("period: '0 ms'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, period: -5 ms}\n"), HasSubstr("period: '-5 ms'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, qos: {depth: 0}}\n"), HasSubstr("qos.depth: '0'"));
@@ -47,7 +75,7 @@ TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   EXPECT_THAT(error("runs:\n  - {id: -x, transport: udp}\n"), HasSubstr(":2:10: id: '-x'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
               HasSubstr("'transport' occurs twice"));
-  EXPECT_THAT(error("runs: [\n"), HasSubstr(":2:1:"));
+  EXPECT_THAT(error("runs: [\n"), HasSubstr(":1:7: this [ is not closed"));
   EXPECT_THAT(error("runs: []\n"), HasSubstr("a list of runs is needed"));
   EXPECT_THAT(error("title: x\n"), HasSubstr("a list of runs is needed"));
   EXPECT_THAT(error("- a\n"), HasSubstr("not a scenario"));

@@ -341,6 +341,9 @@ TEST_F(ScenarioFile, ABaselineOfItselfOrInACircleIsRefusedAtItsPlace) {
 TEST_F(ScenarioFile, DuplicateValuesAreRefused) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: [1 B, 2 B, 1 B]}]\n"),
               HasSubstr(":1:52: payload: '1 B' occurs twice"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, period: [10 ms, 0.01 s]}]\n"),
+              HasSubstr(":1:48: period: '10 ms' and '0.01 s' are one value"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, realtime: [on, On]}]\n"), HasSubstr("are one value"));
   Selection selection;
   selection.transports = {"udp", "udp"};
   EXPECT_THAT(error("runs: [{id: a}]\n", selection), HasSubstr("transport: 'udp' occurs twice"));

@@ -7,6 +7,8 @@
 #include <sstream>
 #include <string_view>
 
+#include <boost/algorithm/string/case_conv.hpp>
+
 #include "transport/dds.hpp"
 
 namespace ontime::conditions {
@@ -278,8 +280,9 @@ Codec<transport::Reliability> reliability() {
 }
 
 bool yes_or_no(Text text) {
-  if (text == "true" || text == "on" || text == "yes") return true;
-  if (text == "false" || text == "off" || text == "no") return false;
+  const auto word = boost::algorithm::to_lower_copy(text);  // YAML has On and ON, too
+  if (word == "true" || word == "on" || word == "yes") return true;
+  if (word == "false" || word == "off" || word == "no") return false;
   throw std::invalid_argument(fmt::format("'{}' is neither on nor off", text));
 }
 

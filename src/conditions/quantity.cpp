@@ -46,6 +46,8 @@ long double quantity(const std::string& text, const Units& units, const std::str
       throw std::invalid_argument(fmt::format("'{}' is out of range", text));
     return value;
   }
+  if (&units == &times() && unit.ends_with("Hz"))
+    throw std::invalid_argument(fmt::format("'{}' is a rate; a time is needed, such as '{}'", text, example));
   throw std::invalid_argument(fmt::format("'{}' has an unknown unit. Units: {}", text, names));
 }
 

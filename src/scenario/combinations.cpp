@@ -2,6 +2,7 @@
 #include "scenario/combinations.hpp"
 
 #include <algorithm>
+#include <map>
 #include <set>
 #include <stdexcept>
 #include <string_view>
@@ -73,6 +74,17 @@ struct Dimension {
   Said said;
 };
 
+// As a record has it: '10 ms' and '0.01 s' are one value. Else as stated, also a value that is refused later.
+std::string recorded(const conditions::Key* key, const std::string& value) try {
+  if (key == nullptr || !key->to_json) return value;
+  Run run;
+  key->set(run, value);
+  const auto json = key->to_json(run);
+  return json.is_null() ? value : json.dump();
+} catch (const std::exception&) {
+  return value;
+}
+
 // The runs that one entry of `runs` makes.
 class Combinations {
  public:
@@ -137,13 +149,14 @@ class Combinations {
     for (const auto& key : conditions::keys())
       for (const auto& [path, value] : entries)
         if (auto said = origin_.keys.divided(path); said.key == key.path)
-          dimensions_.push_back({path, &key, choices_of(path, value), std::move(said)});
+          dimensions_.push_back({path, &key, choices_of(&key, path, value), std::move(said)});
     for (const auto& [path, value] : entries)
       if (auto said = origin_.keys.divided(path); is_option(said.key))
-        dimensions_.push_back({path, nullptr, choices_of(path, value), std::move(said)});
+        dimensions_.push_back({path, nullptr, choices_of(nullptr, path, value), std::move(said)});
   }
 
-  std::vector<Choice> choices_of(const std::string& path, const YAML::Node& node) const {
+  std::vector<Choice> choices_of(const conditions::Key* key, const std::string& path,
+                                 const YAML::Node& node) const {
     const auto& selection = origin_.selection;
     std::vector<Choice> choices;
     if (path == "transport" && !selection.transports.empty()) {
@@ -160,10 +173,12 @@ class Combinations {
     } else {
       choices.push_back({scalar_of(origin_.file, node, path), node});
     }
-    std::set<std::string_view> seen;
-    for (const auto& choice : choices)
-      if (!seen.insert(choice.value).second)
-        fail(choice.node, fmt::format("{}: '{}' occurs twice", path, choice.value));
+    std::map<std::string, std::string> seen;
+    for (const auto& [value, where] : choices)
+      if (const auto [first, is_new] = seen.emplace(recorded(key, value), value); !is_new)
+        fail(where, first->second == value
+                        ? fmt::format("{}: '{}' occurs twice", path, value)
+                        : fmt::format("{}: '{}' and '{}' are one value", path, first->second, value));
     return choices;
   }
 

@@ -58,18 +58,6 @@ void check_characters(const std::string& file, const std::string& text) {
                       byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
 }
 
-// The parser's own words do not name a tab, and it stops after it.
-void check_indentation(const std::string& file, const std::string& text, const YAML::Exception& error) {
-  std::istringstream lines(text);
-  std::string line;
-  for (int number = 0; number <= error.mark.line; ++number) std::getline(lines, line);
-  const auto tab = line.find('\t');
-  if (tab == line.npos || line.find_first_not_of(" -") != tab) return;
-  auto mark = error.mark;
-  mark.column = static_cast<int>(tab);
-  fail_at(file, mark, fmt::format("this line begins with a tab; YAML needs spaces ({})", error.msg));
-}
-
 // Counts what the parser finds, and stops it at the limits.
 class Bounds final : public YAML::EventHandler {
  public:
@@ -100,12 +88,16 @@ class Bounds final : public YAML::EventHandler {
   }
   void OnMapEnd() override { end(); }
 
+  // Where the innermost list or map that has not ended begins. An exception inside a bracket comes after it.
+  const YAML::Mark& innermost() const { return open_.back().mark; }
+
  private:
   // Size of a node and all below it, with aliases expanded.
   struct Extent {
     std::size_t nodes, levels;
   };
   struct Open {
+    YAML::Mark mark;
     YAML::anchor_t anchor;
     std::size_t nodes_before;
     std::size_t levels;
@@ -134,7 +126,7 @@ class Bounds final : public YAML::EventHandler {
     check(mark, tag);
     const auto before = nodes_;
     add(mark, 0, {1, 1});
-    open_.push_back({anchor, before, 1});
+    open_.push_back({mark, anchor, before, 1});
   }
   void end() {
     const auto closed = open_.back();
@@ -148,6 +140,32 @@ class Bounds final : public YAML::EventHandler {
   std::vector<Open> open_;
   std::map<YAML::anchor_t, Extent> whole_;
 };
+
+// The parser's own words name neither a tab, a text that needs quotes, nor the bracket that is not closed.
+[[noreturn]] void fail_in_plain_words(const std::string& file, const std::string& text,
+                                      const YAML::Exception& error, const Bounds& bounds) {
+  std::istringstream lines(text);
+  std::string line;
+  for (int number = 0; number <= error.mark.line; ++number) std::getline(lines, line);
+  const auto column = std::min(static_cast<std::size_t>(std::max(error.mark.column, 0)), line.size());
+  auto mark = error.mark;
+  if (const auto tab = line.find('\t'); tab != line.npos && line.find_first_not_of(" -") == tab) {
+    mark.column = static_cast<int>(tab);
+    fail_at(file, mark, fmt::format("this line begins with a tab; YAML needs spaces ({})", error.msg));
+  }
+  const bool of_map = error.msg == YAML::ErrorMsg::END_OF_MAP_FLOW;
+  const bool in_bracket = of_map || error.msg == YAML::ErrorMsg::END_OF_SEQ_FLOW;
+  const bool has_key = line.find(": ") < column;
+  if ((error.msg == YAML::ErrorMsg::MAP_VALUE && has_key) || (in_bracket && line.substr(column, 1) == ":"))
+    fail_at(file, mark, "a text with ': ' needs quotes, such as title: 'a: b'");
+  if (error.msg == YAML::ErrorMsg::MAP_VALUE)
+    fail_at(file, mark, "this line is read as part of the value above it. Fix: check its indentation");
+  if (in_bracket)
+    fail_at(file, bounds.innermost(),
+            fmt::format("this {} is not closed: a {} or a comma is missing before line {}, column {}",
+                        of_map ? '{' : '[', of_map ? '}' : ']', mark.line + 1, mark.column + 1));
+  fail_at(file, mark, error.msg);
+}
 
 }  // namespace
 
@@ -169,6 +187,9 @@ void once_each(const std::string& file, const YAML::Node& map) {
   std::set<std::string> seen;
   for (const auto& entry : map) {
     if (!entry.first.IsScalar()) fail_at(file, entry.first.Mark(), "a key must be a word");
+    if (entry.first.Scalar() == "<<")
+      fail_at(file, entry.first.Mark(),
+              "merge keys (<<) are not supported. Fix: move keys that all runs share to `defaults`");
     if (!seen.insert(entry.first.Scalar()).second)
       fail_at(file, entry.first.Mark(), fmt::format("'{}' occurs twice", entry.first.Scalar()));
   }
@@ -201,16 +222,15 @@ std::string text_of(const std::string& file) {
 
 YAML::Node document_of(const std::string& file, const std::string& text) {
   check_characters(file, text);
+  Bounds bounds;
   try {
     std::istringstream in(text);
     YAML::Parser parser(in);
-    Bounds bounds;
     while (parser.HandleNextDocument(bounds)) {  // OnDocumentStart refuses a second document
     }
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {
-    check_indentation(file, text, error);
-    fail_at(file, error.mark, error.msg);
+    fail_in_plain_words(file, text, error, bounds);
   }
 }
 

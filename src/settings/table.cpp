@@ -44,7 +44,11 @@ void check_cpus_or_none(Text asked) {
   if (asked != "none") check_cpus(asked);
 }
 // The kernel refuses buffers below SOCK_MIN_SNDBUF (net/sock.h).
-void check_bytes(Text asked) { check_number(asked, 4608, 2147483647); }
+void check_bytes(Text asked) {
+  constexpr std::int64_t least = 4608, most = 2147483647;
+  if (!is_number(asked, least, most))
+    throw std::invalid_argument(fmt::format("{} B is not a size from {} B to {} B", asked, least, most));
+}
 void check_us(Text asked) { check_number(asked, 0, 1'000'000); }
 void check_coalescing(Text asked) {
   if (asked.empty()) throw std::invalid_argument("the value is empty; state NAME=N,..., such as rx-usecs=0");
