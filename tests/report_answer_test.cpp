@@ -53,6 +53,11 @@ TEST(Answer, OppositeConditionsAreNeverPooled) {
                                                "ontime report demo.ontime --full"));
 }
 
+TEST(Answer, NextCommandsTakeAFileNamedLikeAnOption) {
+  EXPECT_THAT(commands_of(answer_of(demo(), {.file = "-x.ontime"})),
+              Contains("ontime report ./-x.ontime --full"));
+}
+
 TEST(Answer, TwelveRunsFitTheScreen) {
   const auto lines = lines_of(text_of(answer_of(demo(), kept), 80));
   EXPECT_LE(lines.size(), screen_lines);

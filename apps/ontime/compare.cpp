@@ -72,14 +72,21 @@ bool is_same_file(const CompareArguments& arguments) {
 }
 
 // No run has a value of this key: it may be misspelt. Transports name their options themselves.
-void refuse_unknown(const std::string& key) {
+void refuse_unknown(const std::string& key, const Summaries& runs) {
   if (key.starts_with("options.")) return;
   std::vector<std::string> paths;
+  std::set<std::string> differ;
   for (const auto& known : conditions::fields()) {
     if (known.path == conditions::current_key(key) || known.json == key) return;
-    if (!known.path.empty()) paths.push_back(known.path);
+    if (known.path.empty()) continue;
+    paths.push_back(known.path);
+    const auto group = known.path.substr(0, known.path.find('.'));
+    if (report::values_of(runs, group).size() > 1) differ.insert(group);
   }
-  throw Error(2, fmt::format("--by: unknown key '{}'{}", key, spelling::suggestion(key, paths)));
+  auto meant = spelling::suggestion(key, paths);
+  if (meant.empty() && !differ.empty())
+    meant = fmt::format("; these differ between the runs: {}", fmt::join(differ, ", "));
+  throw Error(2, fmt::format("--by: unknown key '{}'{}", key, meant));
 }
 
 // The comparison points into `a` and `b`.
@@ -87,7 +94,7 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
   if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file. Fix: omit B");
   a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
-  if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by);
+  if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by, a);
   if (values.size() > 2) std::erase(values, report::unset);
   auto words = report::words_of_values(arguments.by, values);
   const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(words, ", "));
@@ -148,8 +155,9 @@ std::string run_or_id(const std::string& word) {
 
 // Names both sides. Returns the command that prints every table.
 std::string name_sides(const CompareArguments& arguments, report::Comparison& comparison) {
-  std::vector<std::string> words = {"ontime", "compare", arguments.a};
-  if (!arguments.b.empty()) words.push_back(arguments.b);
+  std::vector<std::string> words = {"ontime", "compare"};
+  for (const auto& name : {arguments.a, arguments.b})
+    if (!name.empty()) words.push_back((name.starts_with('-') ? "./" : "") + name);  // not an option
   for (const auto& [flag, value] :
        {std::pair{"--by", arguments.by}, {"--from", arguments.from}, {"--to", arguments.to}})
     if (!value.empty()) words.insert(words.end(), {flag, value});
@@ -207,12 +215,17 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
                           "A has no run to compare with"});
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
-  write_whole(arguments.output,
-              arguments.full
-                  ? report::render(comparison, judgements, format, output_columns())
-                  : report::render_answer(comparison, judgements, format, full_command, output_columns()));
+  Output output(arguments.output);
+  const auto text =
+      arguments.full ? report::render(comparison, judgements, format, output_columns())
+                     : report::render_answer(comparison, judgements, format, full_command, output_columns());
   const bool shown = arguments.output.empty() && format != report::Format::csv;
-  return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b, shown);
+  // Before the text: a reader that closes the pipe (`| head`) ends this process.
+  const int code =
+      flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b, shown);
+  output.write(text);
+  output.finish();
+  return code;
 }
 
 }  // namespace

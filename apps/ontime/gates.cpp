@@ -82,13 +82,13 @@ int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file
     judgements.push_back(
         {Judgement::Result::cannot_judge, file, "the file has a run", "the file has no run"});
   }
+  if (!junit_.empty()) write_whole(junit_, report::junit(judgements));  // first, as for CI
   int code = 0;
   for (const auto& judgement : judgements) {
     const bool held = judgement.result == Judgement::Result::held;
     if (!held) code = 1;
     if (!shown && (!held || !judgement.is_sure)) print_error(gate::text_of(judgement));
   }
-  if (!junit_.empty()) write_whole(junit_, report::junit(judgements));
   return code;
 }
 

@@ -23,7 +23,7 @@ class GateFlags {
   std::vector<gate::Judgement> judge_wanted(const std::vector<gate::Gate>&,
                                             const std::vector<statistics::Summary>&) const;
 
-  // Prints what did not hold or is uncertain on standard error, writes the JUnit file, and returns the exit
+  // Writes the JUnit file, prints what did not hold or is uncertain on standard error, and returns the exit
   // code: 0 or 1. `file`: the judged file; without judgements it fails. `shown`: standard output has them;
   // the same terminal gets none twice.
   int finish(std::vector<gate::Judgement>, const std::string& file, bool shown = false) const;

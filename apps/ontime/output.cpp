@@ -153,14 +153,17 @@ void write_whole(const std::string& path, std::string_view text) {
 
 void Output::fail(int error) const {
   if (error == EPIPE && path_.empty()) throw ReaderGone();
+  // A library may have filled the free descriptor with one that only reads.
+  if (path_.empty() && (error == EBADF || error == EINVAL)) throw orders::Error(3, closed_output);
   const bool is_folder = error == EISDIR, has_no_folder = error == ENOENT || error == ENOTDIR;
   throw orders::Error(
       is_folder || has_no_folder ? 2 : 3,
       fmt::format("{} cannot be written: {}. Fix: {}", path_.empty() ? "standard output" : path_,
                   std::generic_category().message(error),
-                  is_folder       ? "name a file in this folder"
-                  : has_no_folder ? "make its folder first, or name another file"
-                                  : "name another file, or free disk space"));
+                  is_folder                            ? "name a file in this folder"
+                  : has_no_folder                      ? "make its folder first, or name another file"
+                  : error == ENOSPC || error == EDQUOT ? "name another file, or free disk space"
+                                                       : "name another file"));
 }
 
 }  // namespace ontime::app

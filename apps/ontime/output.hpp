@@ -36,6 +36,8 @@ bool is_results(const std::string& path);  // by its first bytes
 // The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full, report::Origin);
 
+inline constexpr const char* closed_output = "standard output is closed";  // `>&-`
+
 // The reader of standard output has closed the pipe (`| head`): main() then ends by SIGPIPE.
 struct ReaderGone {};
 

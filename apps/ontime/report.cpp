@@ -47,9 +47,11 @@ void add_report(Command& app) {
             ? page::page_of(reader, summaries, std::filesystem::path(arguments->results).filename().string())
             : shown(summaries, format, arguments->full,
                     {.file = arguments->results, .only = fmt::format("{}", fmt::join(arguments->only, ","))});
+    // Before the text: a reader that closes the pipe (`| head`) ends this process.
+    const int code = flags->finish(flags->judge_wanted(gates, summaries), arguments->results);
     output.write(text);
     output.finish();
-    return flags->finish(flags->judge_wanted(gates, summaries), arguments->results);
+    return code;
   });
 }
 

@@ -256,7 +256,9 @@ void print(const std::string& text) {
   std::fputs(for_output(text).c_str(), stdout);
   // A closed terminal is an interruption, which is already counted.
   if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
-    throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
+    throw campaign::Error(
+        3, errno == EBADF ? closed_output
+                          : "standard output cannot be written: " + std::generic_category().message(errno));
 }
 
 void print_error(const std::string& text) {

@@ -185,30 +185,31 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   const auto is_of_scenario = [&](const Words& words) {
     return words.size() > 1 && words[1] != "ping" && !is_of_listen(words);
   };
+  const auto file = origin.file.starts_with('-') ? "./" + origin.file : origin.file;  // not an option
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
   if (!origin.finish.empty())
     steps.push_back({"Finish", origin.finish});
-  else if (found.unfinished != nullptr && !origin.file.empty())
+  else if (found.unfinished != nullptr && !file.empty())
     if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
-      add("Finish", with(words, {"--resume", "--results", origin.file}),
+      add("Finish", with(words, {"--resume", "--results", file}),
           found.failed && needs_root(*found.unfinished));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
     const auto words = again(*found.late, without_explain);
-    if ((found.late->run.asked.explain || is_of_listen(words)) && !origin.file.empty())
-      add("Why late", {"ontime", "explain", origin.file});
+    if ((found.late->run.asked.explain || is_of_listen(words)) && !file.empty())
+      add("Why late", {"ontime", "explain", file});
     else if (is_of_scenario(words) && can_be_named(id))
       add("Why late", with(again(*found.late, of_the_link), {"--only", id, "--explain"}), true);
     else
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
-  if (found.from != nullptr && found.to != nullptr && !origin.file.empty()) {
+  if (found.from != nullptr && found.to != nullptr && !file.empty()) {
     auto from = word(found.from->run.asked.id), to = word(found.to->run.asked.id);
     if (from == to) {
       from = std::to_string(found.from->run.number);
       to = std::to_string(found.to->run.number);
     }
-    add("Compare", {"ontime", "compare", origin.file, "--from", from, "--to", to});
+    add("Compare", {"ontime", "compare", file, "--from", from, "--to", to});
   }
   if (found.longer != nullptr && found.longer_ns > 0) {
     const auto words = again(*found.longer, without_duration);
@@ -217,10 +218,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
         with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}), listens);
   }
   const auto words = again(*found.any, of_all);
-  if (!origin.file.empty())
-    add("All tables", origin.only.empty()
-                          ? Words{"ontime", "report", origin.file, "--full"}
-                          : Words{"ontime", "report", origin.file, "--only", origin.only, "--full"});
+  if (!file.empty())
+    add("All tables", origin.only.empty() ? Words{"ontime", "report", file, "--full"}
+                                          : Words{"ontime", "report", file, "--only", origin.only, "--full"});
   else if (!is_of_listen(words) && !found.failed)       // what failed fails again
     add("Again, all tables", with(words, {"--full"}));  // measures anew: no samples were kept
   return steps;

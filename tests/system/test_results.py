@@ -163,6 +163,15 @@ class Results(unittest.TestCase):
         self.assertFalse((self.folder / "none.ontime").exists(), "nothing was measured")
         self.ontime("run", scenario, "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
 
+    def test_junit_is_written_before_the_reader_of_the_text_is_gone(self):
+        self.measured()
+        shutil.copy(self.results, self.folder / "copy.ontime")
+        for command in (f"report {self.results}", f"compare {self.results} copy.ontime"):
+            subprocess.run(["bash", "-c", f"{ONTIME} {command} --fail-if 'late > 0' --junit cut.xml > >(exec true) 2>&1"],
+                           cwd=self.folder, timeout=60)
+            xml.etree.ElementTree.parse(self.folder / "cut.xml")
+            (self.folder / "cut.xml").unlink()
+
     # --- what is chosen ---
 
     def test_a_list_does_not_take_the_name_that_follows(self):
@@ -404,6 +413,7 @@ class Results(unittest.TestCase):
         self.assertIn("in common", runs("--from", "1", "--to", "3", code=2))
         self.assertIn("transport: udp", runs("--by", "transport", code=2))
         self.assertIn("unknown key 'perod' (did you mean 'period'?)", runs("--by", "perod", code=2))
+        self.assertIn("unknown key 'foo'; these differ between the runs: period", runs("--by", "foo", code=2))
         self.assertIn("in common", runs(self.results, code=2))
 
     # --- out ---
@@ -432,6 +442,11 @@ class Results(unittest.TestCase):
         (left,) = self.folder.glob("again.csv.part-*")
         self.assertEqual(left.read_text(), "old\n", "it may be another's")
         left.unlink()
+        for arguments, code, words in (("export {} >&-", 3, "standard output is closed"), ("tune show >&-", 3, "standard output is closed"),
+                                       ("export {} >/dev/full", 3, "or free disk space")):
+            done = subprocess.run(["sh", "-c", f"{ONTIME} {arguments.format(self.results)}"], capture_output=True, text=True)
+            self.assertEqual(done.returncode, code, done.stderr)
+            self.assertIn(words, done.stderr)
         with open("/dev/full", "w") as full:
             for arguments in (["export", self.results], ["--help"]):
                 self.assertEqual(subprocess.run([ONTIME, *arguments], stdout=full, stderr=full).returncode, 3)
