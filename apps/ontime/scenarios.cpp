@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -41,7 +42,7 @@ ordered_json line_of(const std::string& file) {
     const auto scenario = scenario::read_scenario(file, {});
     line["title"] = scenario.title;
     line["runs"] = scenario.size();
-    line["seconds"] = scenario::time_of(scenario).count();
+    line["seconds"] = std::round(scenario::time_of(scenario).count() * 1e3) / 1e3;
     line["searches"] =
         std::ranges::any_of(scenario.runs, [](const scenario::Run& run) { return run.step.of > 0; });
   } catch (const scenario::Error& error) {
@@ -67,7 +68,8 @@ std::string text_of(const std::vector<ordered_json>& lines) {
     }
     const auto runs = line.at("runs").get<std::size_t>();
     const bool is_of_lab = name.starts_with("lab/") && name != line.at("file");
-    add(name, fmt::format("{}: {}{}, {}{}", table::printable(line.at("title")),
+    const auto title = table::printable(line.at("title"));
+    add(name, fmt::format("{}{}{}{}, {}{}", title, title.empty() ? "" : ": ",
                           line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),
                           about(std::chrono::duration<double>(line.at("seconds").get<double>())),
                           is_of_lab ? simulated_time : ""));

@@ -234,7 +234,7 @@ void add_tune(Command& app) {
   std::string settings = "Settings:\n";
   for (const auto& setting : settings::table())
     settings += fmt::format("  {:<32}{}\n", fmt::format("{}={}", setting.name, setting.values), setting.help);
-  command->footer(settings + "  preset=paper                    irq-threads=90 and ksoftirqd=60");
+  settings += "  preset=paper                    irq-threads=90 and ksoftirqd=60";
   auto arguments = std::make_shared<TuneArguments>();
   const auto add = [&](const char* name, const char* what, int (*act)(const TuneArguments&)) {
     auto* added = command->add_subcommand(name, what);
@@ -258,6 +258,7 @@ void add_tune(Command& app) {
   auto* applied = add("apply", "Applies settings, until revert or a reboot", apply);
   add_value(*applied, "--set", arguments->sets, "NAME=VALUE",
             "apply this setting, such as ksoftirqd=60; repeatable");
+  applied->footer(settings);
   auto* scenario =
       add_file(*applied, "--scenario", arguments->scenario, "apply kernel.* of a run of this scenario");
   add_value(*applied, "--only,--run", arguments->run, "ID", "id of that run")->needs("--scenario");
@@ -272,6 +273,7 @@ void add_tune(Command& app) {
   add("revert", "Restores what apply changed, and what a killed ontime left changed",
       [](const TuneArguments&) { return revert(); });
   add_tune_search(*command);
+  command->footer(settings);  // last: the others would inherit it
 }
 
 }  // namespace ontime::app

@@ -140,7 +140,8 @@ std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits& limi
   Handle handle(
       pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, text.data()),
       pcap_close);
-  if (!handle) throw WrongInput(fmt::format("{}: {}", path, text.data()));
+  const std::string why(text.data());  // with the path, or without it
+  if (!handle) throw WrongInput(why.starts_with(path + ": ") ? why : fmt::format("{}: {}", path, why));
   try {
     return std::make_unique<Capture>(std::move(handle), false, limits);
   } catch (const Error& error) {  // of another kind of link

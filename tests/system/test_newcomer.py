@@ -187,6 +187,15 @@ class Newcomer(unittest.TestCase):
         self.assertRegex(shown, r"\[1/2, ≥ [0-9]+ s left\] a udp  starting")
         self.assertRegex(shown, r"\[2/2, [0-9]+ s left\] b udp  starting")
 
+    def test_scenario_without_a_title_has_its_name_alone(self):
+        (self.folder / "own.yaml").write_text("runs: [{id: a, transport: udp, duration: 0.3 s, period: 7 ms}, {id: b, transport: udp}]\n")
+        self.assertTrue(self.ontime("scenarios", "own.yaml").stdout.startswith("own.yaml  2 runs, "))
+        self.assertRegex(self.ontime("scenarios", "own.yaml", "--format", "json").stdout, r'"seconds": \d+\.\d{1,3}\b')
+
+    def test_only_commands_that_take_settings_list_them(self):
+        for command, lists in (("apply", True), ("revert", False), ("verify", False)):
+            self.assertEqual("Settings:" in self.ontime("tune", command, "--help").stdout, lists, command)
+
     def test_long_lines_are_wrapped_on_a_terminal(self):
         for arguments in (["scenarios"], ["tune", "show", "--interface", "lo"]):
             for columns in (40, 80):
