@@ -39,7 +39,7 @@ TEST_F(ScenarioFile, MistakesOfYamlAreNamedInPlainWords) {
   EXPECT_THAT(error("runs:\n- {id: a, require: [late > 0\n- {id: b}\n"),
               HasSubstr(":2:20: this [ is not closed: a ] or a comma"));
   EXPECT_THAT(error("runs:\n- id: a\n    transport: udp\n"),
-              HasSubstr(":3:14: this line is read as part of the value above it"));
+              HasSubstr(":3:14: this line is read as part of the text above it"));
   const auto merged = testing::AllOf(HasSubstr("merge keys (<<) are not supported"), HasSubstr("`defaults`"));
   EXPECT_THAT(error("runs:\n- &b {id: a, transport: udp}\n- <<: *b\n  id: c\n"), merged);
   EXPECT_THAT(error("<<: {title: a}\nruns: [{id: a, transport: udp}]\n"), merged);

@@ -159,7 +159,9 @@ class Bounds final : public YAML::EventHandler {
   if ((error.msg == YAML::ErrorMsg::MAP_VALUE && has_key) || (in_bracket && line.substr(column, 1) == ":"))
     fail_at(file, mark, "a text with ': ' needs quotes, such as title: 'a: b'");
   if (error.msg == YAML::ErrorMsg::MAP_VALUE)
-    fail_at(file, mark, "this line is read as part of the value above it. Fix: check its indentation");
+    fail_at(file, mark,
+            "this line is read as part of the text above it. Fix: check its indentation, and that a space "
+            "follows ':' or '-' above");
   if (in_bracket)
     fail_at(file, bounds.innermost(),
             fmt::format("this {} is not closed: a {} or a comma is missing before line {}, column {}",
