@@ -3,7 +3,6 @@
 #include <array>
 #include <functional>
 #include <numeric>
-#include <ranges>
 #include <span>
 
 #include <fmt/format.h>
@@ -174,8 +173,8 @@ std::string text_of(const Answer& answer, std::size_t width) {
     return taken + answer.rows.size() <= screen_lines;
   };
   // The fix stands at the end of a caution: it is cut only where all rows fit then, of the last one first.
-  for (auto& most : std::views::reverse(lines))
-    while (!fits() && most > 1) --most;
+  for (auto most = lines.rbegin(); most != lines.rend(); ++most)
+    while (!fits() && *most > 1) --*most;
   if (!fits()) {
     lines.fill(few_lines);
     fits();
