@@ -259,7 +259,8 @@ TEST_F(RecordTest, Format3IsReadAndTakesCauses) {
   {
     Writer writer(path_);
     expect_as_noted(writer.reader());
-    writer.note(1, {cause_of_late, "6.0 ms old", 5, 3, LateCause{.sentence = "a; fix: b", .cpu = 1}});
+    writer.note(
+        1, {cause_of_late, "6.0 ms old", 5, 3, LateCause{.value_ns = 6, .sentence = "a; fix: b", .cpu = 1}});
   }
   EXPECT_EQ(query(path_, "PRAGMA user_version"), "4");
   expect_as_noted(Reader(path_));
@@ -268,10 +269,23 @@ TEST_F(RecordTest, Format3IsReadAndTakesCauses) {
   EXPECT_EQ(cause->sentence, "a; fix: b");
   EXPECT_EQ(cause->cpu, 1);
   EXPECT_EQ(query(path_, "SELECT count(*) FROM note WHERE cause IS NULL"), "1");
-  for (const auto* odd : {"[]", "5", "{\"value_ns\": \"x\"}"}) {
-    query(path_, fmt::format("UPDATE note SET cause = '{}' WHERE number = 2", odd).c_str());
-    EXPECT_EQ(Reader(path_).notes(1).at(1).cause->value_ns, 0) << odd;
-  }
+  const std::string whole = R"({"value_ns": 6, "sentence": "a", "limit_ns": 5, "ns": 4, "cpu": 1})";
+  const auto is_taken = [&](const std::string& text) {
+    query(path_, fmt::format("UPDATE note SET cause = '{}' WHERE number = 2", text).c_str());
+    const auto note = Reader(path_).notes(1).at(1);
+    EXPECT_EQ(note.text, "6.0 ms old");
+    return note.cause.has_value();
+  };
+  EXPECT_TRUE(is_taken(whole));
+  for (const auto* odd : {"[]", "[1]", "5", "\"x\"", "{}", "{\"value_ns\": 6}", "{\"sentence\": \"a\"}"})
+    EXPECT_FALSE(is_taken(odd)) << odd;
+  for (const auto* name : {"value_ns\": 6", "limit_ns\": 5", "ns\": 4", "cpu\": 1"})
+    for (const auto* value : {"-1", "1152921504606846977", "18446744073709551615", "-9223372036854775808"}) {
+      auto odd = whole;
+      const std::string member = std::string("\"") + name;
+      odd.replace(odd.find(member) + member.size() - 1, 1, value);
+      EXPECT_FALSE(is_taken(odd)) << odd;
+    }
   query(path_, "UPDATE note SET cause = '{' WHERE number = 2");
   EXPECT_THAT(error_of([&] { Reader(path_).notes(1); }), HasSubstr("JSON"));
 }

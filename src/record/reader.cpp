@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <filesystem>
 #include <limits>
+#include <optional>
 #include <system_error>
 #include <utility>
 
@@ -59,6 +60,15 @@ std::shared_ptr<Connection> connect(const std::string& path) {
 
 [[noreturn]] void damaged(const Connection& connection, const std::string& how) {
   throw WrongFile(fmt::format("{}: it is damaged ({}).", connection.name(), how));
+}
+
+// Nothing, if it is missing, or if a late message cannot have it.
+std::optional<LateCause> cause_of(const nlohmann::json& from) {
+  auto cause = read<LateCause>(from);
+  if (cause.sentence.empty() || cause.value_ns == 0) return std::nullopt;
+  for (const auto value : {cause.value_ns, cause.limit_ns, cause.ns, cause.cpu.value_or(0)})
+    if (value < 0 || !can_be(value)) return std::nullopt;
+  return cause;
 }
 
 // Rows come in ascending order of their number. In a damaged file, or one made for that, they may go round
@@ -186,8 +196,7 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
     if (message.value_or(0) < 0 || !can_be(note.at_ns.value_or(0)))
       damaged(*connection_, fmt::format("note {} has an impossible time or message", number));
     if (message) note.message = static_cast<std::uint64_t>(*message);
-    if (const auto cause = parsed(*connection_, run, text_in(row, 5)); !cause.is_null())
-      note.cause = read<LateCause>(cause);
+    note.cause = cause_of(parsed(*connection_, run, text_in(row, 5)));
     notes.push_back(std::move(note));
   }
   return notes;
