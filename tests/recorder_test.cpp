@@ -240,19 +240,70 @@ TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
   EXPECT_EQ(traces, 1u);
 }
 
+// Of two equal periods each cause names its own. A row that was written before its miss is found by its time.
 TEST_F(Recorder, CauseNamesItsMessage) {
+  for (const bool is_written : {false, true}) {
+    index_ = 0;
+    const auto path = path_ + (is_written ? "written" : "waiting");
+    record::Writer writer(path);
+    ListenResults results(writer, limits_, nlohmann::json::object(), true);
+    std::vector<listen::Miss> misses;
+    for (const auto ns : {50 * ms, 70 * ms, 50 * ms, 70 * ms}) {
+      period(results, 1, ns);
+      if (ns == 70 * ms) misses.push_back(miss(1, ns));
+    }
+    if (is_written) results.write({flow(1)});
+    for (const auto& one : misses) results.note(one);
+    period(results, 1, 50 * ms);
+    listen::Findings findings;
+    findings.flows = {flow(1)};
+    results.end(findings, false);
+    const record::Reader reader(path);
+    const auto notes = notes_of(reader, reader.runs().at(0));
+    ASSERT_EQ(notes.size(), 2u);
+    EXPECT_EQ(notes[0].message, 1u) << is_written;
+    EXPECT_EQ(notes[1].message, 3u) << is_written;
+    ASSERT_TRUE(notes[0].cause);
+    EXPECT_EQ(notes[0].cause->ns, 4 * ms);
+    EXPECT_EQ(notes[0].text, "70.0 ms after the previous message (limit 60 ms): the reader waited: 4.0 ms");
+  }
+}
+
+// As ontime wrote them before causes were data.
+TEST_F(Recorder, NoteOfAnOlderFileIsOfTheLateMessageThatCameThen) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true);
   for (const auto ns : {50 * ms, 70 * ms, 50 * ms}) period(results, 1, ns);
-  results.note(miss(1, 70 * ms));
   listen::Findings findings;
   findings.flows = {flow(1)};
   results.end(findings, false);
-  const auto note = record::Reader(path_).notes(1).at(0);
-  EXPECT_EQ(note.message, 1u);
-  ASSERT_TRUE(note.cause);
-  EXPECT_EQ(note.cause->ns, 4 * ms);
-  EXPECT_EQ(note.text, "70.0 ms after the previous message (limit 60 ms): the reader waited: 4.0 ms");
+  writer.note(1, {record::cause_of_late, "70.0 ms old", 1120 * ms, std::nullopt});
+  writer.note(1, {record::cause_of_late, "50.0 ms old", 1050 * ms, std::nullopt});
+  writer.note(1, {"pauses", "listened 40 % of the time", 1120 * ms, std::nullopt});
+  const auto reader = writer.reader();
+  const auto notes = notes_of(reader, reader.runs().at(0));
+  ASSERT_EQ(notes.size(), 3u);
+  EXPECT_EQ(notes[0].message, 1u);
+  EXPECT_FALSE(notes[1].message) << "it was not late";
+  EXPECT_FALSE(notes[2].message);
+}
+
+// Misses of packets have no course.
+TEST_F(Recorder, WorstMessagesOfPacketsAreKept) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  period(results, 1, 70 * ms);
+  auto bare = miss(1, 70 * ms);
+  bare.course = {};
+  bare.surroundings.reset();
+  bare.why.reset();
+  results.note(bare);
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false);
+  std::size_t traces = 0;
+  writer.reader().each_trace(1, [&](const auto&) { ++traces; });
+  EXPECT_EQ(traces, 1u);
 }
 
 TEST_F(Recorder, ExaminedMessagesAreCountedByWhetherTheirCauseWasSeen) {

@@ -2,8 +2,6 @@
 #include "explain/explain.hpp"
 
 #include <algorithm>
-#include <functional>
-#include <map>
 #include <optional>
 
 #include <fmt/format.h>
@@ -12,8 +10,7 @@
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
-#include "listen/listen.hpp"
-#include "listen_words.hpp"
+#include "listen_results.hpp"
 #include "output.hpp"
 #include "report/explained.hpp"
 
@@ -56,32 +53,6 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
   Output file(arguments.perfetto);
   file.write(report::perfetto_of(reader, one.run, messages, pong));
   file.finish();
-}
-
-// The notes of a run. `ontime listen --keep` also keeps traces of the worst messages: their causes are found
-// again by this version of ontime, worst message first. Where a trace is incomplete, the recorded cause
-// stays.
-std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
-  auto notes = reader.notes(run.number);
-  if (!run.asked.keeps_worst()) return notes;
-  std::map<std::uint64_t, std::int64_t> values_ns;
-  reader.each_sample(run.number, [&](const auto& sample) {
-    if (sample.fate == roundtrip::Fate::late) values_ns[sample.index] = sample.received_ns - sample.sent_ns;
-  });
-  reader.each_trace(run.number, [&](const record::Trace& trace) {
-    const auto message = trace.window.span.message;
-    const auto miss = listen::explained_again(trace.way, trace.window);
-    if (!miss) return;
-    std::erase_if(notes, [&](const auto& note) {
-      return note.kind == record::cause_of_late && note.message == message;
-    });
-    notes.push_back(note_of(*miss, run.asked.task.client.deadline, true, message));
-  });
-  std::ranges::stable_sort(notes, std::greater(), [&](const record::Note& note) {
-    const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();
-    return found == values_ns.end() ? 0 : found->second;
-  });
-  return notes;
 }
 
 int explain(const ExplainArguments& arguments) {

@@ -2,6 +2,7 @@
 #include "listen_results.hpp"
 
 #include <algorithm>
+#include <functional>
 
 #include <fmt/format.h>
 
@@ -198,7 +199,8 @@ void ListenResults::note(const listen::Miss& miss) {
   if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
   const auto row_in = [&](const auto& rows) -> std::optional<roundtrip::Sample> {
     const auto row = std::find_if(rows.rbegin(), rows.rend(), [&](const auto& sample) {
-      return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns;
+      return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns &&
+             (miss.course.taken_ns == 0 || sample.received_ns == miss.course.taken_ns);  // 0: of a packet
     });
     return row == rows.rend() ? std::nullopt : std::optional(*row);
   };
@@ -353,6 +355,39 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
     }
     writer_.flush();
   });
+}
+
+std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
+  auto notes = reader.notes(run.number);
+  // By when its message was taken: of an older file, or of a message that was written before its cause was
+  // known.
+  std::map<std::int64_t, record::Note*> unnamed;
+  for (auto& note : notes)
+    if (record::tells_of_late(note) && note.at_ns && !note.message) unnamed[*note.at_ns] = &note;
+  const bool keeps_worst = run.asked.keeps_worst();
+  if (unnamed.empty() && !keeps_worst) return notes;
+  std::map<std::uint64_t, std::int64_t> values_ns;
+  reader.each_sample(run.number, [&](const auto& sample) {
+    if (sample.fate != roundtrip::Fate::late) return;
+    if (keeps_worst) values_ns[sample.index] = sample.received_ns - sample.sent_ns;
+    if (const auto found = unnamed.find(sample.received_ns); found != unnamed.end())
+      found->second->message = sample.index;
+  });
+  if (!keeps_worst) return notes;
+  reader.each_trace(run.number, [&](const record::Trace& trace) {
+    const auto message = trace.window.span.message;
+    const auto miss = listen::explained_again(trace.way, trace.window);
+    if (!miss) return;
+    std::erase_if(notes, [&](const auto& note) {
+      return note.kind == record::cause_of_late && note.message == message;
+    });
+    notes.push_back(note_of(*miss, run.asked.task.client.deadline, true, message));
+  });
+  std::ranges::stable_sort(notes, std::greater(), [&](const record::Note& note) {
+    const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();
+    return found == values_ns.end() ? 0 : found->second;
+  });
+  return notes;
 }
 
 }  // namespace ontime::app

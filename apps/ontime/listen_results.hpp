@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Writes the messages of a robot's own topics as runs of a results file: one for each quantity (age, period)
 // of a flow. Ordinary thread. It keeps all messages, or, for weeks, a histogram and the worst messages with
-// their surroundings; record::Writer::keep_worst() bounds the file.
+// their surroundings; record::Writer::keep_worst() bounds the file. notes_of() reads why they were late.
 #pragma once
 
 #include <chrono>
@@ -97,5 +97,10 @@ class ListenResults {
   std::uint64_t left_out_ = 0;  // rows with invalid times
   std::string failure_;
 };
+
+// The notes of a run, for `ontime explain`: those of late messages name their messages. Of the worst
+// messages, this version of ontime finds the causes again in their traces, worst message first. Where a trace
+// is incomplete, the recorded cause stays.
+std::vector<record::Note> notes_of(const record::Reader&, const record::Run&);
 
 }  // namespace ontime::app
