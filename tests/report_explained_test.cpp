@@ -167,6 +167,31 @@ TEST(OwnMessages, TextOfANoteIsNoAdviceAndNoOtherNotesCause) {
   EXPECT_THAT(told, HasSubstr("   1  0.0 ms after the previous message (limit 0 ms): x; fix: y\n"));
 }
 
+// As ontime wrote them before causes were data.
+TEST(OwnMessages, NotesOfAnOlderFileAreToldApartByTheirTextWithoutNumbers) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};
+  one.account.late = 5;
+  const auto add = [&](const std::string& before, const std::string& culprit, std::uint64_t message) {
+    one.notes.push_back(
+        {record::cause_of_late,
+         fmt::format("{} ms old (limit 5 ms): {} ran: 4.0 ms; fix: stop {}", before, culprit, culprit),
+         static_cast<std::int64_t>(message), message});
+  };
+  add("25.0", "hog [1000]", 9);
+  add("6.1", "hog [21]", 4);
+  add("6.1", "hog [21]", 12);
+  add("7.0", "camera1 [5]", 6);
+  add("7.0", "camera2 [6]", 7);
+  const auto text = render_explained({one}, Format::table, 200);
+  EXPECT_THAT(text,
+              HasSubstr("   3  such as 6.1 ms old (limit 5 ms): hog [21] ran: 4.0 ms; fix: stop hog [21]; "
+                        "first: message 4\n"));
+  EXPECT_THAT(text, HasSubstr("   1  7.0 ms old (limit 5 ms): camera1 [5] ran"));
+  EXPECT_THAT(text, HasSubstr("   1  7.0 ms old (limit 5 ms): camera2 [6] ran"));
+  EXPECT_THAT(text, Not(HasSubstr("→")));
+}
+
 TEST(OwnMessages, ProcessThatIsTheSameForAllMessagesKeepsItsNumber) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}};

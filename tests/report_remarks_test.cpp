@@ -398,6 +398,20 @@ TEST(Remarks, TellACauseOnceForAllItsMessages) {
               HasSubstr("3 messages: 6.0 to 31.5 ms old (limit 5 ms): a [7] was frozen; fix: thaw it"));
 }
 
+// `text` and `cause` of a foreign file may differ.
+TEST(Remarks, TellACauseAsExplainDoes) {
+  auto one = summary(asked("a", "udp"), outcome());
+  one.notes.push_back(
+      {record::cause_of_late,
+       "another text",
+       {},
+       3,
+       record::LateCause{
+           .measures = "age", .value_ns = 6'000'000, .limit_ns = 5'000'000, .sentence = "a [7] was frozen"}});
+  EXPECT_THAT(remarks(one), AllOf(HasSubstr("6.0 ms old (limit 5 ms): a [7] was frozen (message 3)"),
+                                  Not(HasSubstr("another"))));
+}
+
 TEST(Remarks, RateIsNotReachedFromFivePercentOfSkippedCyclesOn) {
   auto run = summary(asked("x", "udp"), outcome(), 9500);
   const auto is_caution = [&] {

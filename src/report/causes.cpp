@@ -2,6 +2,7 @@
 #include "report/causes.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <map>
 #include <tuple>
 #include <utility>
@@ -29,10 +30,28 @@ std::string sentence_between(const LateCause& least, const LateCause& most, bool
   return text;
 }
 
+// Without the fix. Each number counts as the same, but not the digits of a name, such as "camera1".
+std::string without_numbers(const std::string& text) {
+  constexpr char number = '\0';
+  std::string rest;
+  for (const char next : text.substr(0, text.find("; fix: "))) {
+    const auto before = static_cast<unsigned char>(rest.empty() ? ' ' : rest.back());
+    if (std::isdigit(static_cast<unsigned char>(next)) == 0 || std::isalnum(before) != 0 || before == '_')
+      rest += next;
+    else if (rest.empty() || rest.back() != number)
+      rest += number;
+  }
+  return rest;
+}
+
 void tell(SameCause& same) {
+  std::ranges::stable_sort(same.notes, {}, [](const auto* note) { return note->at_ns.value_or(0); });
   const auto& first = same.notes.front()->cause;
   if (!first) {
-    same.text = same.notes.front()->text;
+    const auto& text = same.notes.front()->text;
+    const bool is_of_all =
+        std::ranges::all_of(same.notes, [&](const auto* note) { return note->text == text; });
+    same.text = (is_of_all ? "" : "such as ") + text;
     return;
   }
   auto least = *first, most = *first;
@@ -63,7 +82,8 @@ std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>& no
   for (const auto* note : notes) {
     const auto& of = note->cause;
     const auto key = of ? std::tuple(true, of->measures, of->limit_ns, of->alike, of->alike_fix, of->ns != 0)
-                        : std::tuple(false, note->text, std::int64_t{0}, std::string(), std::string(), false);
+                        : std::tuple(false, without_numbers(note->text), std::int64_t{0}, std::string(),
+                                     std::string(), false);
     const auto [place, is_new] = places.try_emplace(key, causes.size());
     if (is_new) causes.emplace_back();
     causes[place->second].notes.push_back(note);

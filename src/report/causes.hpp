@@ -10,9 +10,10 @@
 namespace ontime::report {
 
 struct SameCause {
-  std::vector<const record::Note*> notes{};
+  std::vector<const record::Note*> notes{};  // the earliest first
   // What they say: of each time the shortest and the longest; details, such as a CPU, only if all have the
-  // same. Notes of an older ontime are the same only if their texts are; these include the fix.
+  // same. Notes of an older ontime are the same if their texts are, but for numbers: the first one's text,
+  // which includes the fix.
   std::string text{}, fix{};  // fix: "" if nothing helps
 };
 // Of notes why a message was late, which stay where they are. The most messages first.

@@ -94,8 +94,7 @@ std::string with_blanks(std::string text) {
 }
 
 std::string text_of(const SameCause& same, const Marks& marks) {
-  const auto* const first = *std::ranges::min_element(
-      same.notes, {}, [](const record::Note* note) { return note->at_ns.value_or(0); });
+  const auto* const first = same.notes.front();
   auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(same.text));
   if (first->message)
     lines += fmt::format("; {}message {}", same.notes.size() > 1 ? "first: " : "", *first->message);
@@ -262,7 +261,8 @@ ordered_json json_of(const Explained& one) {
   auto notes = ordered_json::array();
   for (const auto& note : one.notes)
     if (record::tells_of_late(note))
-      notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
+      notes.push_back({{"at_ns", note.at_ns.value_or(0)},
+                       {"text", printable(note.cause ? report::text_of(*note.cause) : note.text)}});
   auto without = ordered_json();
   if (one.run.asked.is_listened()) {
     const auto [not_seen, no_space, not_examined, unknown] = without_cause(one);
