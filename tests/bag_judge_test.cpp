@@ -392,13 +392,13 @@ std::vector<int> with_late(int messages) {
 }
 
 TEST_F(Bags, MessagesFromFurtherBackHaveThePeriodsOfTheirTimes) {
-  for (const int messages : {1, 2, 5, 40}) {
+  for (const int messages : {1, 2, 5, 40, 100}) {
     const auto findings =
-        judged_mcap(in_order(with_late(messages)), {.deadline = 15ms, .period = {}, .age = {}});
+        judged_mcap(in_order(with_late(messages), false, 5 * ms), {.deadline = 7ms, .period = {}, .age = {}});
     const auto& flow = findings.flows.at(0);
     EXPECT_EQ(flow.late, 0U) << messages;
     EXPECT_EQ(flow.period.count(), 499U) << messages;
-    EXPECT_EQ(flow.period.max_ns(), 10 * ms) << messages;
+    EXPECT_EQ(flow.period.max_ns(), 5 * ms) << messages;
     EXPECT_EQ(flow.reordered, static_cast<std::uint64_t>(messages));
     EXPECT_THAT(findings.remarks, IsEmpty());
   }
@@ -429,12 +429,114 @@ TEST_F(Bags, GapOfASlowTopicIsKnownASecondLater) {
   EXPECT_LT(at(1000 * ms), at(20 * ms));
 }
 
-TEST_F(Bags, ClockThatWentBackALittleMakesNoGap) {
+// After `before` messages the clock goes back, by less than a second.
+std::vector<int> set_back(int before, int by) {
   auto order = ascending();
-  for (std::size_t i = 250; i < 500; ++i) order[i] -= 30;  // 300 ms
-  const auto flow = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}}).flows.at(0);
-  EXPECT_EQ(flow.late, 0U);
-  EXPECT_EQ(flow.period.max_ns(), 10 * ms);
+  for (auto& number : order) number -= number < before ? 0 : by;
+  return order;
+}
+
+TEST_F(Bags, ClockThatWentBackALittleLeavesOnePeriodOut) {
+  struct Case {
+    int before, by;
+    std::int64_t period_ns;
+  };
+  for (const auto& [before, by, period_ns] :
+       std::initializer_list<Case>{{250, 5, 10 * ms},   // 50 ms
+                                   {250, 30, 10 * ms},  // 300 ms
+                                   {250, 95, 10 * ms},
+                                   {10, 6, 10 * ms},
+                                   {495, 50, 10 * ms},  // the last messages are behind
+                                   {250, 2, 250 * ms},
+                                   {250, 3, 250 * ms},
+                                   {250, 60, ms},
+                                   {300, 200, ms}}) {
+    const auto findings =
+        judged_mcap(in_order(set_back(before, by), false, period_ns),
+                    {.deadline = std::chrono::nanoseconds(period_ns * 3 / 2), .period = {}, .age = {}});
+    const auto& flow = findings.flows.at(0);
+    EXPECT_EQ(flow.late, 0U) << by;
+    EXPECT_EQ(flow.period.count(), 498U) << by;
+    EXPECT_NEAR(flow.rate_hz(), 1e9 / static_cast<double>(period_ns), 1e-6) << by;
+    EXPECT_EQ(flow.reordered, 0U) << by;
+    EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first"))) << by;
+  }
+}
+
+TEST_F(Bags, ClockThatWentBackALittleHidesNoGap) {
+  for (const std::size_t after : {2, 5, 20}) {  // messages, then 200 ms of silence
+    auto order = set_back(250, 30);
+    for (auto i = 250 + after; i < order.size(); ++i) order[i] += 19;
+    const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
+    const auto& flow = findings.flows.at(0);
+    EXPECT_EQ(flow.late, 1U) << after;
+    EXPECT_EQ(flow.period.max_ns(), 200 * ms) << after;
+    EXPECT_EQ(flow.period.count(), 498U) << after;
+    EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("clock was set"))) << after;
+  }
+}
+
+TEST_F(Bags, ClockThatWentBackALittleBetweenTwoFilesHidesNoGap) {
+  fs::create_directory(folder_ / "bag");
+  auto order = ascending();
+  for (std::size_t i = 260; i < 500; ++i) order[i] += 9;  // 100 ms
+  write("bag/bag_0.mcap", in_order({order.begin(), order.begin() + 250}));
+  for (auto& number : order) number -= 30;
+  write("bag/bag_1.mcap", in_order({order.begin() + 250, order.end()}));
+  const auto findings = judged((folder_ / "bag").string(), {.deadline = 15ms, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(0).late, 1U);
+  EXPECT_EQ(findings.flows.at(0).period.max_ns(), 100 * ms);
+  EXPECT_THAT(findings.remarks, testing::Contains(HasSubstr("1 messages are the first")));
+}
+
+// One message, then silence until after the latest time: it may be late, or the clock was set.
+TEST_F(Bags, MessageThatMayBeOfAClockThatWasSetHasNoPeriodAndARemark) {
+  auto order = set_back(250, 30);
+  for (std::size_t i = 251; i < order.size(); ++i) order[i] += 40;
+  const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(0).late, 1U) << "at least from the latest time on";
+  EXPECT_EQ(findings.flows.at(0).period.count(), 498U);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+}
+
+TEST_F(Bags, ClockThatWentBackALittleIsSeenInMessagesThatComeInPairs) {
+  std::string records = channel(1, 0, "/a");
+  for (int i = 0; i < 300; ++i) {
+    const auto at_ns = start + (i * 10 - (i < 150 ? 0 : 304) + (i < 160 ? 0 : 100)) * ms;
+    records += message(1, {at_ns}) + message(1, {at_ns + ms / 10});
+  }
+  const auto findings = judged_mcap(mcap(records), {.deadline = 15ms, .period = {}, .age = {}});
+  EXPECT_EQ(findings.flows.at(0).late, 1U);
+  EXPECT_NEAR(static_cast<double>(findings.flows.at(0).period.max_ns()), 109.9e6, 1);
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+}
+
+// Two writers, 100 us apart: neither is missing where the other one is.
+TEST_F(Bags, SwappedMessagesOfSeveralWritersAreNoClockThatWasSet) {
+  std::string records = channel(1, 0, "/a");
+  for (int i = 0; i < 300; ++i) {
+    const std::int64_t at_ns = start + i * 10 * ms, other_ns = at_ns + ms / 10;
+    records += i % 3 == 0 ? message(1, {other_ns}) + message(1, {at_ns})
+                          : message(1, {at_ns}) + message(1, {other_ns});
+  }
+  const auto findings = judged_mcap(mcap(records));
+  EXPECT_EQ(findings.flows.at(0).period.count(), 599U);
+  EXPECT_EQ(findings.flows.at(0).reordered, 100U);
+  EXPECT_THAT(findings.remarks, IsEmpty());
+}
+
+TEST_F(Bags, SwappedMessagesAtTheBeginningHaveThePeriodsOfTheirTimes) {
+  for (const int messages : {2, 6, 40}) {
+    auto order = ascending();
+    std::reverse(order.begin(), order.begin() + messages);
+    const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
+    const auto& flow = findings.flows.at(0);
+    EXPECT_EQ(flow.late, 0U) << messages;
+    EXPECT_EQ(flow.period.count(), 499U) << messages;
+    EXPECT_EQ(flow.period.max_ns(), 10 * ms) << messages;
+    EXPECT_EQ(flow.reordered, static_cast<std::uint64_t>(messages - 1));
+    EXPECT_THAT(findings.remarks, IsEmpty());
+  }
 }
 
 TEST_F(Bags, LateMessageIsCountedOnceByPeriodAndAge) {

@@ -20,6 +20,9 @@ constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'0
 constexpr std::int64_t set_back_ns = 1'000'000'000;
 constexpr std::uint64_t enough_to_tell = 8;
 constexpr std::size_t most_waiting = 128;  // messages of a topic, to be sorted
+// So few, so little behind, were swapped by the recorder's threads.
+constexpr std::size_t few = 4;
+constexpr std::int64_t little_ns = 20'000'000;
 // After 18 years of bag time, clocks that were set back extend it no further.
 constexpr std::int64_t longest_time_ns = std::int64_t{1} << 59;
 // No message of any topic for this long is worth a remark.
@@ -118,8 +121,9 @@ void Judge::end_doubt() {
   for (auto& [key, stream] : streams_)
     if (stream.times_set > times_set_) {
       stream.last_ns -= doubt_->by_ns;
-      stream.judged_ns -= doubt_->by_ns;
+      if (stream.judged_ns) *stream.judged_ns -= doubt_->by_ns;
       for (auto& one : stream.waiting) one.at_ns -= doubt_->by_ns;
+      for (auto& one : stream.behind) one.at_ns -= doubt_->by_ns;
       stream.times_set = times_set_;
     }
   until_ns_ = latest_of_others(nullptr).value_or(until_ns_);
@@ -138,7 +142,7 @@ std::optional<std::int64_t> Judge::latest_of_others(const Stream* stream) const 
 void Judge::end_file() {
   file_ = {};
   for (auto& [key, stream] : streams_) {
-    judge_waiting(stream, std::numeric_limits<std::int64_t>::max());
+    judge_all(stream);
     stream.in_file = 0;
     if (!stream.sequence.has_begun()) stream.rows.restart();
   }
@@ -212,28 +216,84 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   return false;
 }
 
-// Judges periods in the order of the times of recording: messages wait to be sorted. One that is behind those
-// judged has no period, and ends none.
+// Judges periods in the order of the times of recording: messages wait to be sorted. Those behind the latest
+// wait apart, until one goes on from there.
 void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
-  const auto at_ns = this->at_ns(message);
-  const bool is_first = stream.messages == 0, begins = is_first || stream.times_set != times_set_;
-  if (begins) {
-    judge_waiting(stream, std::numeric_limits<std::int64_t>::max());
-    stream.judged_ns = at_ns;
+  const Waiting one{.message = message, .at_ns = at_ns(message), .was_old = was_old};
+  const auto insert_into = [&](std::deque<Waiting>& some) {
+    some.insert(std::ranges::upper_bound(some, one.at_ns, {}, &Waiting::at_ns), one);
+  };
+  if (stream.messages > 0 && stream.times_set != times_set_) {
+    judge_all(stream);
+    stream.judged_ns.reset();
+    was_set_.add(message.topic->name);
   }
-  auto& waiting = stream.waiting;
-  const auto place = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
-  const bool is_behind = at_ns < stream.judged_ns;
-  // Numbers and times of writing tell the order better.
-  if (!stream.sequence.has_begun() && stream.latest_written_ns == 0 && (is_behind || place != waiting.end()))
-    ++stream.reordered;
-  if (begins || is_behind) {
-    if (!is_first) was_set_.add(message.topic->name);
-    stream.late += was_old ? 1 : 0;
+  if (const auto latest_ns = stream.latest_ns(); latest_ns && one.at_ns < *latest_ns) {
+    insert_into(stream.behind);
+    if (stream.behind.size() > most_waiting) judge_behind(stream);
     return;
   }
-  waiting.insert(place, {.message = message, .at_ns = at_ns, .was_old = was_old});
-  judge_waiting(stream, at_ns - set_back_ns);
+  judge_behind(stream);
+  insert_into(stream.waiting);
+  judge_waiting(stream, one.at_ns - set_back_ns);
+}
+
+// A clock that was set back repeats times: messages lie among earlier ones. Late messages lie together, where
+// some are missing.
+Judge::Behind Judge::why_behind(const Stream& stream) {
+  const auto &behind = stream.behind, &waiting = stream.waiting;
+  const auto judged_ns = stream.judged_ns;
+  const auto latest_ns = *stream.latest_ns(), usual_ns = stream.period.quantile_ns(0.5) * 3 / 2;
+  const bool are_few = behind.size() <= few;
+  if (behind.size() > most_waiting) return Behind::clock;
+  if (are_few && latest_ns - behind.front().at_ns < little_ns) return Behind::late;
+  std::size_t steps = 0, among = 0;  // among: with an earlier message between
+  for (std::size_t i = 1; i < behind.size(); ++i) {
+    const auto from_ns = behind[i - 1].at_ns, to_ns = behind[i].at_ns;
+    if (judged_ns && to_ns <= *judged_ns) continue;  // unknown
+    const auto next = std::ranges::lower_bound(waiting, from_ns, {}, &Waiting::at_ns);
+    ++steps;
+    if ((judged_ns && from_ns <= *judged_ns) || (next != waiting.end() && next->at_ns < to_ns)) ++among;
+  }
+  if (4 * among < steps) return Behind::late;
+  if (const auto at_ns = behind.front().at_ns; behind.size() == 1 && !(at_ns < judged_ns)) {
+    const auto next = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
+    const auto before_ns = next != waiting.begin() ? std::prev(next)->at_ns : judged_ns;
+    if (!before_ns || next->at_ns - *before_ns > usual_ns) return Behind::late;
+  }
+  // A clock that was set back reaches the latest time step by step.
+  const bool goes_on = latest_ns - behind.back().at_ns <= usual_ns;
+  return goes_on || (steps > 0 && !are_few) ? Behind::clock : Behind::unknown;
+}
+
+void Judge::judge_behind(Stream& stream) {
+  if (stream.behind.empty()) return;
+  const auto why = why_behind(stream);
+  const auto behind = std::exchange(stream.behind, {});
+  const auto& name = behind.front().message.topic->name;
+  auto& waiting = stream.waiting;
+  if (why == Behind::clock) {
+    judge_all(stream);
+    stream.judged_ns.reset();
+    was_set_.add(name);
+    waiting = behind;
+    return;
+  }
+  for (const auto& one : behind) {
+    // Numbers and times of writing tell the order better.
+    if (!stream.sequence.has_begun() && stream.latest_written_ns == 0) ++stream.reordered;
+    if (why == Behind::unknown || one.at_ns < stream.judged_ns) {  // no period, and it ends none
+      was_set_.add(name);
+      stream.late += one.was_old ? 1 : 0;
+    } else {
+      waiting.insert(std::ranges::upper_bound(waiting, one.at_ns, {}, &Waiting::at_ns), one);
+    }
+  }
+}
+
+void Judge::judge_all(Stream& stream) {
+  judge_behind(stream);
+  judge_waiting(stream, std::numeric_limits<std::int64_t>::max());
 }
 
 void Judge::judge_waiting(Stream& stream, std::int64_t before_ns) {
@@ -241,12 +301,11 @@ void Judge::judge_waiting(Stream& stream, std::int64_t before_ns) {
   while (waiting.size() > most_waiting || (!waiting.empty() && waiting.front().at_ns < before_ns)) {
     const auto one = waiting.front();
     waiting.pop_front();
-    const auto gap_ns = one.at_ns - stream.judged_ns;
-    const bool is_late = limits_.is_gap(gap_ns);
-    if (is_late) miss(listen::Miss::Kind::gap, gap_ns, one.message, stream);
-    listen::add_period(stream.period, keep_row_, stream.id, stream.judged_ns, one.at_ns, is_late);
+    const auto from_ns = std::exchange(stream.judged_ns, one.at_ns);
+    const bool is_late = from_ns && limits_.is_gap(one.at_ns - *from_ns);
+    if (is_late) miss(listen::Miss::Kind::gap, one.at_ns - *from_ns, one.message, stream);
+    if (from_ns) listen::add_period(stream.period, keep_row_, stream.id, *from_ns, one.at_ns, is_late);
     stream.late += is_late || one.was_old ? 1 : 0;
-    stream.judged_ns = one.at_ns;
   }
 }
 
@@ -320,7 +379,7 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
   // The last two may be swapped. A time far ahead is odd.
-  const auto latest_ns = stream.waiting.empty() ? stream.judged_ns : stream.waiting.back().at_ns;
+  const auto latest_ns = stream.latest_ns().value_or(stream.last_ns);
   const bool is_swapped = latest_ns > stream.last_ns && latest_ns <= stream.last_ns + set_back_ns;
   return {.id = stream.id,
           .topic = key.first,

@@ -49,7 +49,8 @@ class Judge {
     std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
     std::int64_t before_last_ns = 0;         // of the message before the last; 0: no such message
     std::deque<Waiting> waiting;             // by time, after judged_ns
-    std::int64_t judged_ns = 0;              // until then its periods are judged
+    std::deque<Waiting> behind;              // by time, before the latest: late, or the clock was set back
+    std::optional<std::int64_t> judged_ns;   // until then its periods are judged; none: the next has none
     std::uint64_t times_set = 0;             // until its last message
     std::uint64_t since_back = 0;            // messages since its times went back
     std::int64_t latest_written_ns = 0;      // by stamp or publish time
@@ -66,7 +67,13 @@ class Judge {
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     listen::Rows rows;
     std::uint64_t row_number = 0;  // of the last age in `rows`
+    std::optional<std::int64_t> latest_ns() const {
+      return waiting.empty() ? judged_ns : waiting.back().at_ns;
+    }
   };
+  // Why messages have earlier times than one before them: they are late, or the recorder's clock was set
+  // back.
+  enum class Behind { late, clock, unknown };
   // Odd times, by the clocks of writers or of the recorder.
   struct Oddity {
     std::uint64_t messages = 0;
@@ -85,6 +92,9 @@ class Judge {
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   void judge_period(Stream&, const Message&, bool was_old);
+  static Behind why_behind(const Stream&);
+  void judge_behind(Stream&);
+  void judge_all(Stream&);
   void judge_waiting(Stream&, std::int64_t before_ns);  // and those of which too many wait
   bool judge_age(Stream&, const Message&);              // whether it was too old
   std::optional<std::int64_t> age_of(Stream&, const Message&);
