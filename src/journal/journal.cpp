@@ -66,7 +66,8 @@ Journal::GivenBack Journal::hold() {
   auto& folder = *entered;
   auto [name, fd] = folder.add_journal();
   try {
-    const auto [pid, command] = holder_ ? *holder_ : Holder{getpid(), fmt::format("{}", fmt::join(process::command_line(), " "))};
+    const auto [pid, command] =
+        holder_ ? *holder_ : Holder{getpid(), fmt::format("{}", fmt::join(process::command_line(), " "))};
     append(fd.get(), line_of(Header{boot_id(), pid, plain(command)}));
   } catch (const Error&) {
     folder.remove(name);
