@@ -179,7 +179,7 @@ class Refused(Lab):
         self.assertEqual(taken.read_text(), "mine")
 
     def test_results_that_can_be_written_nowhere(self):
-        self.refused(2, "--results: /there/is is no folder", "run",
+        self.refused(2, "/there/is is no folder", "run",
                      self.scenario(SCENARIO % "udp"), "--results", "/there/is/none.ontime")
 
     def test_a_machine_that_has_no_qemu(self):

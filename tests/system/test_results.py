@@ -92,7 +92,7 @@ class Results(unittest.TestCase):
     def test_results_where_no_file_can_be_are_wrong_usage(self):
         for command in (("run", "demo"), ("ping", "--transport", "udp"), ("pong", "--transport", "udp", "--explain"), ("lab", "run", "lab"),
                         ("tune", "search", "demo", "--goal", "p50 < 1 s"), ("listen",), ("import", "bag")):
-            for results, flaw in (("no/r.ontime", "/no is no folder. Fix: make it first"), (".", ". is a folder. Fix: name a file in it")):
+            for results, flaw in (("no/r.ontime", ": no is no folder. Fix: make it first"), (".", ". is a folder. Fix: name a file in it")):
                 with self.subTest(command, results=results):
                     self.assertIn(flaw, self.ontime(*command, "--results", results, code=2).stderr)
 
