@@ -76,6 +76,7 @@ TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
               HasSubstr("'transport' occurs twice"));
   EXPECT_THAT(error("runs: [\n"), HasSubstr(":1:7: this [ is not closed"));
+  EXPECT_THAT(error("runs: [{id: a}\ntitle: b\n"), HasSubstr(":1:7: this [ is not closed"));
   EXPECT_THAT(error("runs: []\n"), HasSubstr("a list of runs is needed"));
   EXPECT_THAT(error("title: x\n"), HasSubstr("a list of runs is needed"));
   EXPECT_THAT(error("- a\n"), HasSubstr("not a scenario"));

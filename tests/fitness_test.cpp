@@ -299,7 +299,12 @@ TEST_F(Machine, TakesPacketsIn) {
 
   EXPECT_THAT(found("irqbalance"), IsEmpty());
   thread(900, "irqbalance", SCHED_OTHER, 0, false);
-  EXPECT_EQ(severity("irqbalance"), Severity::hint) << "another user's: its program cannot be read";
+  EXPECT_THAT(found("irqbalance"), IsEmpty())
+      << "its program cannot be read, and nothing tells that it is root's";
+  file("/proc/900/status", "Name:\tirqbalance\nUid:\t1000\t1000\t1000\t1000\n");
+  EXPECT_THAT(found("irqbalance"), IsEmpty()) << "another user's";
+  file("/proc/900/status", "Name:\tirqbalance\nUid:\t0\t0\t0\t0\n");
+  EXPECT_EQ(severity("irqbalance"), Severity::hint);
   fs::create_symlink("/usr/sbin/irqbalance (deleted)", root_ + "/proc/900/exe");
   EXPECT_EQ(severity("irqbalance"), Severity::hint);
   fs::remove(root_ + "/proc/900/exe");

@@ -13,7 +13,7 @@ using testing::HasSubstr;
 using testing::Not;
 using trace::Kind;
 
-constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30, worker = 33;
+constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30, worker = 33, liar = 34;
 constexpr std::int64_t published = 100 * ms;
 
 Party owner_of(std::int32_t thread) {
@@ -21,6 +21,7 @@ Party owner_of(std::int32_t thread) {
   if (thread == takes || thread == receives) return {2, "base"};
   if (thread == hog) return {30, "recorder"};
   if (thread == worker) return {33, "kworker/1:2-events"};
+  if (thread == liar) return {34, "x; fix: y"};
   return {};
 }
 
@@ -35,6 +36,7 @@ class LateMessage : public testing::Test {
                              : thread == 31       ? "one"
                              : thread == 32       ? "two"
                              : thread == worker   ? "kworker/1:2-events"
+                             : thread == liar     ? "x; fix: y"
                                                   : "";
     return {thread, name, 120};
   }
@@ -127,6 +129,13 @@ TEST_F(LateMessage, ThreadOfTheKernelIsNotToBeMoved) {
   EXPECT_EQ(found.culprit, (Party{33, "kworker/1:2-events"}));
   EXPECT_THAT(found.fix, HasSubstr("SCHED_FIFO for base"));
   EXPECT_THAT(found.fix, testing::Not(HasSubstr("taskset"))) << "the kernel refuses";
+}
+
+TEST_F(LateMessage, NameOfAProcessIsNoAdvice) {
+  const auto found = behind(liar);
+  EXPECT_EQ(found.culprit.process, 34U);
+  for (const auto& text : {found.sentence, found.alike, found.fix, found.alike_fix})
+    EXPECT_THAT(text, testing::Not(HasSubstr(";"))) << text;
 }
 
 TEST_F(LateMessage, ReceivingThreadBehindAnotherNamesIt) {

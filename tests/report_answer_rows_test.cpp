@@ -1,10 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The first screen's rows and next steps, where runs are of several kinds.
-#include <filesystem>
-#include <fstream>
-
-#include <unistd.h>
-
 #include "gate/gate.hpp"
 #include "report/words.hpp"
 #include "report_answers.hpp"
@@ -119,40 +114,52 @@ TEST(Answer, WordOfAForeignFileIsNoOptionOfACommand) {
 }
 
 // Of a file that a stranger made: what it names would run as root.
-TEST(Answer, NextCommandOfAForeignFileNamesNoScenarioOfAnotherUser) {
+TEST(Answer, NextCommandOfAForeignFileNamesOnlyATrustedScenario) {
   auto one = run(1, "a", "udp", {}, 5);
-  const auto own = std::filesystem::temp_directory_path() / fmt::format("ontime-answer-{}.yaml", getpid());
-  const auto late_of = [&](const std::string& scenario, const std::string& file) {
-    amend(one.run.asked, {{"command_line", {"ontime", "run", scenario}}, {"scenario_file", file}});
-    return commands_of(answer_of({one}, {"r.ontime", true})).front();
+  Origin foreign{.file = "r.ontime", .is_root = true};
+  const auto late_of = [&](const std::vector<std::string>& words, const std::string& file) {
+    amend(one.run.asked, {{"command_line", words}, {"scenario_file", file}});
+    return commands_of(answer_of({one}, foreign)).front();
   };
   const std::string unknown = "ontime run SCENARIO --only a --explain";
-  EXPECT_EQ(late_of(own, own), unknown) << "it is not there";
-  std::ofstream(own) << "title: x\n";
-  EXPECT_EQ(late_of(own, own), fmt::format("ontime run {} --only a --explain", own.string()));
-  if (chown(own.c_str(), 12345, 12345) == 0) {
-    EXPECT_EQ(late_of(own, own), unknown);
-  }
-  std::filesystem::remove(own);
-  EXPECT_EQ(late_of("demo", "/x/demo.yaml"), "ontime run demo --only a --explain");
-  EXPECT_EQ(late_of("lab/tsn", "/x/tsn.yaml"), "ontime run lab/tsn --only a --explain");
-  EXPECT_EQ(late_of(".", "."), unknown);
-  EXPECT_EQ(late_of("absent.yaml", "/x/absent.yaml"), unknown);
-  EXPECT_EQ(late_of("paper/../../../x/evil.yaml", "/x/evil.yaml"), unknown);
+  EXPECT_EQ(late_of({"ontime", "run", "demo"}, "/x/demo.yaml"), unknown) << "nothing is trusted";
+  foreign.trusts = [](const std::string& name) {
+    return name == "demo" || name == "lab/tsn" || name == "own.yaml";
+  };
+  EXPECT_EQ(late_of({"ontime", "run", "demo"}, "/x/demo.yaml"), "ontime run demo --only a --explain");
+  EXPECT_EQ(late_of({"ontime", "run", "lab/tsn"}, "/x/tsn.yaml"), "ontime run lab/tsn --only a --explain");
+  EXPECT_EQ(late_of({"ontime", "run", "x.yaml"}, "x.yaml"), unknown);
+  EXPECT_EQ(late_of({"ontime", "run", "paper/../../x/evil.yaml"}, "/x/evil.yaml"), unknown);
+  EXPECT_EQ(late_of({"ontime", "run", "other/own.yaml", "own.yaml"}, "own.yaml"),
+            "ontime run own.yaml --only a --explain")
+      << "this one, not one of the same name";
+  EXPECT_EQ(late_of({"ontime", "run", "--only", "demo", "./demo"}, "/x/demo.yaml"), unknown)
+      << "the value of an option is no scenario";
+  EXPECT_EQ(late_of({"ontime", "run", "--cable", "eth8,eth9", "demo", "--deploy"}, "/x/demo.yaml"),
+            "ontime run demo --deploy --only a --explain");
 }
 
-TEST(Answer, NextCommandOfAForeignFileHasNoOptionOfATransport) {
+TEST(Answer, NextCommandOfAForeignFileHasNoFileHostOrInterfaceOfIt) {
   auto one = run(1, "ping", "udp", {}, 5);
-  amend(one.run.asked, {{"scenario_file", nullptr},
-                        {"command_line",
-                         {"ontime", "ping", "--peer", "evil", "worse", "--option", "config=/tmp/evil.xml",
-                          "--period", "1ms"}}});
-  EXPECT_EQ(commands_of(answer_of({one}, {"r.ontime", true})).front(),
-            "ontime ping --peer HOST --option NAME=VALUE --period 1ms --explain --results why.ontime");
-  EXPECT_THAT(commands_of(answer_of({one}, kept)).front(), HasSubstr("--option config=/tmp/evil.xml"));
-  amend(one.run.asked, "/command_line", {"ontime", "listen", "--metrics", "0.0.0.0:9100", "/scan"});
-  EXPECT_THAT(commands_of(answer_of({one}, {"r.ontime", true})),
-              testing::Each(testing::Not(HasSubstr("0.0.0.0"))));
+  const Origin foreign{.file = "r.ontime", .is_root = true};
+  const auto late_of = [&](const std::vector<std::string>& words, const Origin& origin) {
+    amend(one.run.asked, {{"scenario_file", nullptr}, {"command_line", words}});
+    return commands_of(answer_of({one}, origin)).front();
+  };
+  const std::vector<std::string> evil = {
+      "ontime",   "ping",      "--peer",      "evil", "worse",  "--option", "config=/tmp/evil.xml",
+      "--period", "1ms",       "--interface", "eth7", "--keep", "1GB",      "--log=/etc/passwd",
+      "more",     "--loopback"};
+  EXPECT_EQ(
+      late_of(evil, foreign),
+      "ontime ping --peer HOST --option NAME=VALUE --period 1ms --loopback --explain --results why.ontime");
+  EXPECT_THAT(late_of(evil, kept), HasSubstr("--peer evil worse --option config=/tmp/evil.xml --period 1ms "
+                                             "--interface eth7 --log=/etc/passwd more"));
+  amend(one.run.asked, "/command_line",
+        {"ontime", "listen", "--metrics", "0.0.0.0:9100", "/scan", "--for", "5s", "/odom"});
+  EXPECT_THAT(commands_of(answer_of({one}, foreign)), testing::Each(testing::Not(HasSubstr("0.0.0.0"))));
+  amend(one.run.asked, "/command_line", {"ontime", "listen", "--pcap=x.pcap", "/scan"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)), testing::Each(testing::Not(HasSubstr("listen"))));
 }
 
 TEST(Answer, FinishesAsTheCallerSays) {

@@ -188,7 +188,7 @@ class Page : public ::testing::Test {
     const auto reader = writer_.reader();
     Summaries summaries;
     for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
-    return page::page_of(reader, summaries, name);
+    return page::page_of(reader, summaries, {.file = name});
   }
   record::Writer writer_{""};
   std::vector<record::Note> notes_;

@@ -108,7 +108,7 @@ class Traced : public ::testing::Test {
     return why_of(reader, reader.runs().at(0), "a.ontime", 0, 6);
   }
   std::string page(const record::Reader& reader) {
-    return page::page_of(reader, statistics::summarise(reader), "r.ontime");
+    return page::page_of(reader, statistics::summarise(reader), {.file = "r.ontime"});
   }
 
   record::Writer writer_{""};

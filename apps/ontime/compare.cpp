@@ -75,14 +75,15 @@ bool is_same_file(const CompareArguments& arguments) {
 void refuse_unknown(const std::string& key, const Summaries& runs) {
   if (key.starts_with("options.")) return;
   std::vector<std::string> paths;
-  std::set<std::string> differ;
+  std::set<std::string> groups, differ;
   for (const auto& known : conditions::fields()) {
     if (known.path == conditions::current_key(key) || known.json == key) return;
     if (known.path.empty()) continue;
     paths.push_back(known.path);
-    const auto group = known.path.substr(0, known.path.find('.'));
-    if (report::values_of(runs, group).size() > 1) differ.insert(group);
+    groups.insert(known.path.substr(0, known.path.find('.')));
   }
+  for (const auto& group : groups)  // each once: a file may have very many values
+    if (report::values_of(runs, group).size() > 1) differ.insert(group);
   auto meant = spelling::suggestion(key, paths);
   if (meant.empty() && !differ.empty())
     meant = fmt::format("; these differ between the runs: {}", fmt::join(differ, ", "));
@@ -157,7 +158,7 @@ std::string run_or_id(const std::string& word) {
 std::string name_sides(const CompareArguments& arguments, report::Comparison& comparison) {
   std::vector<std::string> words = {"ontime", "compare"};
   for (const auto& name : {arguments.a, arguments.b})
-    if (!name.empty()) words.push_back((name.starts_with('-') ? "./" : "") + name);  // not an option
+    if (!name.empty()) words.push_back(table::as_operand(name));
   for (const auto& [flag, value] :
        {std::pair{"--by", arguments.by}, {"--from", arguments.from}, {"--to", arguments.to}})
     if (!value.empty()) words.insert(words.end(), {flag, value});

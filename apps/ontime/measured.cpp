@@ -16,6 +16,7 @@
 #include "output.hpp"
 #include "page/page.hpp"
 #include "report/explained.hpp"
+#include "scenario_files.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "transport/shipped.hpp"
@@ -132,7 +133,9 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
         fmt::format("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
                     path, results));
   Output output(path);
-  output.write(page::page_of(reader, summaries, fs::path(results).filename().string()));
+  // The file may have runs that another process measured.
+  output.write(page::page_of(reader, summaries,
+                             {.file = fs::path(results).filename().string(), .trusts = is_trusted}));
   output.finish();
   return path;
 }
@@ -141,7 +144,7 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
   auto words = command_line().get<std::vector<std::string>>();
   if (!named) words.insert(words.end(), {"--results", results});
   if (!resumes) words.emplace_back("--resume");
-  return table::shell_line(words);
+  return table::line_to_paste(words).value_or("");
 }
 
 bool is_for_people(report::Format format) {

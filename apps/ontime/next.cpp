@@ -33,7 +33,7 @@ std::string newest_results() {
     if (table::printable(name) != name) continue;  // it would control the terminal
     const auto time = entry.last_write_time(none);
     if (none || (!newest.empty() && time <= newest_time)) continue;
-    newest = name.starts_with('-') ? "./" + name : name;
+    newest = table::as_operand(name);
     newest_time = time;
   }
   return newest;

@@ -17,6 +17,7 @@
 #include <unistd.h>
 
 #include "orders/orders.hpp"
+#include "scenario_files.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -74,6 +75,7 @@ std::string for_output(std::string text) { return for_terminal(std::move(text), 
 std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
                   report::Origin origin) {
   origin.is_root = geteuid() == 0;
+  origin.trusts = is_trusted;
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());
 }

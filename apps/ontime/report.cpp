@@ -12,6 +12,7 @@
 #include "gates.hpp"
 #include "output.hpp"
 #include "page/page.hpp"
+#include "scenario_files.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -44,7 +45,9 @@ void add_report(Command& app) {
         arguments->threads  ? report::render_threads(summaries, format, output_columns())
         : arguments->layers ? report::render_layers(summaries, format, output_columns())
         : format == report::Format::html
-            ? page::page_of(reader, summaries, std::filesystem::path(arguments->results).filename().string())
+            ? page::page_of(reader, summaries,
+                            {.file = std::filesystem::path(arguments->results).filename().string(),
+                             .trusts = is_trusted})
             : shown(summaries, format, arguments->full,
                     {.file = arguments->results, .only = fmt::format("{}", fmt::join(arguments->only, ","))});
     // Before the text: a reader that closes the pipe (`| head`) ends this process.

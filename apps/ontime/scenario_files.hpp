@@ -18,4 +18,8 @@ std::vector<std::string> own_scenario_names();
 // "/paper" and "paper.yaml". Throws orders::Error{2}.
 std::vector<std::string> scenario_files(const std::vector<std::string>& names);
 
+// Whether only root and this user (under sudo: who called it) can choose what this name runs: an
+// installed scenario, or a file that only they can change or replace.
+bool is_trusted(const std::string& name);
+
 }  // namespace ontime::app

@@ -60,8 +60,11 @@ bool Look::runs(const std::string& program) const {
   return std::ranges::any_of(processes(), [&](const auto& one) {
     if (one.name != program) return false;
     std::error_code unreadable;
-    const auto path = fs::read_symlink(at("/proc/" + std::to_string(one.pid) + "/exe"), unreadable);
-    return unreadable || path.filename() == program || path.filename() == program + " (deleted)";
+    const auto process = "/proc/" + std::to_string(one.pid);
+    const auto path = fs::read_symlink(at(process + "/exe"), unreadable);
+    // Whose program cannot be read is another user's. Only root's is the real one.
+    if (unreadable) return text(process + "/status").value_or("").find("\nUid:\t0\t") != std::string::npos;
+    return path.filename() == program || path.filename() == program + " (deleted)";
   });
 }
 

@@ -48,6 +48,12 @@ Leg leg_of(const Miss& miss) {
              false, too_long_ns);
 }
 
+// A process chooses its name, and "; fix: " begins the advice.
+std::string word_of(std::string name) {
+  std::ranges::replace(name, ';', '?');
+  return name;
+}
+
 struct Step {
   std::int32_t thread;
   std::int64_t from_ns, to_ns;
@@ -153,10 +159,10 @@ class Search {
 
   static std::string words_of(const Party& process, const std::string& thread, std::int32_t id,
                               bool with_number = true) {
-    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : thread;
+    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : word_of(thread);
     const bool is_one_name = thread.empty() || thread == process.name;
-    return process.name + (with_number ? fmt::format(" [{}]", process.process) : "") +
-           (is_one_name ? "" : fmt::format(" (thread {})", thread));
+    return word_of(process.name) + (with_number ? fmt::format(" [{}]", process.process) : "") +
+           (is_one_name ? "" : fmt::format(" (thread {})", word_of(thread)));
   }
 
   static std::string policy_of(std::int32_t priority) {
@@ -242,7 +248,7 @@ class Search {
     if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
     auto whole = *most;
     whole.ns = all_ns;
-    const auto others = fmt::format("others (longest: {})", most->culprit);
+    const auto others = fmt::format("others (longest: {})", word_of(most->culprit));
     whole.culprit = fmt::format("{} {}", names.size(), others);
     whole.culprit_threads.clear();
     return seen(whole, others);
@@ -252,8 +258,8 @@ class Search {
   Why unseen() const {
     const auto& writer = miss_.writer;
     if (leg_.is_publishers)
-      return not_seen(fmt::format("{} [{}] published it late, and no kernel event explains why", writer.name,
-                                  writer.process));
+      return not_seen(fmt::format("{} [{}] published it late, and no kernel event explains why",
+                                  word_of(writer.name), writer.process));
     if (miss_.course.missing > 0)
       return not_seen(fmt::format("{} messages before it were published and not taken", miss_.course.missing),
                       "messages before it were published and not taken");

@@ -75,8 +75,7 @@ json notes_of(const Summary& summary) {
   auto notes = json::array();
   for (const auto& note : summary.notes)
     if (note.at_ns && summary.start_ns != 0)
-      notes.push_back({{"at_s", seconds_into(summary, *note.at_ns)},
-                       {"text", word(note.text.empty() ? note.kind : note.text)}});
+      notes.push_back({{"at_s", seconds_into(summary, *note.at_ns)}, {"text", word(report::text_of(note))}});
   return notes;
 }
 

@@ -322,13 +322,13 @@ const char* class_of(Verdict::Word word) {
 }
 
 // The first screen's sentence and commands, and each condition by itself.
-std::string headline_of(const Summaries& measured, bool any_imported, const std::string& name) {
+std::string headline_of(const Summaries& measured, bool any_imported, const Origin& origin) {
   const auto verdict = verdict_of(measured);
   if (measured.empty())
     return fmt::format(
         "<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word),
         any_imported ? "No messages were measured; all data are imported." : escaped(verdict.sentence));
-  const auto answer = answer_of(measured, {name});
+  const auto answer = answer_of(measured, origin);
   auto html = fmt::format("<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word), escaped(answer.sentence));
   const auto groups = by_id(measured);
   if (groups.size() < 2) {
@@ -358,11 +358,12 @@ std::string data_element(const json& data) {
 
 }  // namespace
 
-std::string page_of(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
+std::string page_of(const record::Reader& reader, const Summaries& summaries, const report::Origin& origin) {
+  const auto& name = origin.file;
   Summaries measured, imported;
   for (const auto& summary : summaries) (summary.imported ? imported : measured).push_back(summary);
   auto body = fmt::format("<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n{}</header>\n<main>\n",
-                          escaped(name), headline_of(measured, !imported.empty(), name));
+                          escaped(name), headline_of(measured, !imported.empty(), origin));
   Drawings drawings;
   if (!measured.empty()) {
     const auto by_ids = by_id(measured);

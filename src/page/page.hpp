@@ -7,11 +7,12 @@
 #include <vector>
 
 #include "record/record.hpp"
+#include "report/answer.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::page {
 
-// It reads the samples once more. `name` is what the page is of, such as the results file's name.
-std::string page_of(const record::Reader&, const std::vector<statistics::Summary>&, const std::string& name);
+// It reads the samples once more. The page names `origin.file`.
+std::string page_of(const record::Reader&, const std::vector<statistics::Summary>&, const report::Origin&);
 
 }  // namespace ontime::page

@@ -105,7 +105,8 @@ Why why_of(const record::Reader& reader, const record::Run& run, const std::stri
            std::size_t first_drawing, std::size_t most_drawings) {
   const auto account = explain::account_of(reader, run);
   if (!account.traced) return {};
-  const auto explain = table::shell_line({"ontime", "explain", file, "--only", std::to_string(run.number)});
+  const auto explain =
+      table::shell_line({"ontime", "explain", table::as_operand(file), "--only", std::to_string(run.number)});
   Why why;
   const auto faults = faults_of(account);
   std::size_t looked_at = 0;

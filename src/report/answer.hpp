@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -14,13 +15,15 @@
 
 namespace ontime::report {
 
-// Where the runs come from, for commands that users paste.
+// Where the runs come from, for commands that users paste. A scenario can start programs: of runs that
+// another process measured, these name only scenarios that `trusts`.
 struct Origin {
   std::string file;         // the results file; empty: none was kept
   bool is_root = false;     // commands need no sudo
   std::string only = {};    // these are the runs that `--only` chose; empty: all of the file
   bool is_own = false;      // this process measured them: their command lines are no stranger's
   std::string finish = {};  // the command line that measures what is left; empty: as the runs tell it
+  std::function<bool(const std::string& scenario)> trusts = {};  // empty: none
 };
 
 struct Answer {

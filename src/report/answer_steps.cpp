@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <filesystem>
 #include <initializer_list>
 #include <optional>
@@ -9,9 +8,8 @@
 #include <string_view>
 
 #include <fmt/format.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
+#include "conditions/conditions.hpp"
 #include "report/answer.hpp"
 #include "report/words.hpp"
 
@@ -20,51 +18,14 @@ namespace {
 
 using statistics::Summary;
 
-// A results file may come from any source, and users paste these commands: no command with a character that a
-// terminal may show as another.
-std::optional<std::string> shell_line(const std::vector<std::string>& words) {
-  for (const auto& word : words)
-    if (printable(word) != word) return std::nullopt;
-  return table::shell_line(words);
-}
-
 bool is_simulated(const Summary& run) {
   const auto& hosts = run.run.outcome.hosts;
   return std::ranges::any_of(hosts,
                              [](const auto& host) { return host.second.machine.simulated.has_value(); });
 }
 
-// The scenario as it was named then: a name, or a path.
-std::string scenario_of(const Summary& run) {
-  const std::filesystem::path file(run.run.asked.scenario_file);
-  if (file.empty()) return "";
-  const auto& words = run.run.asked.command_line;
-  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
-  for (std::size_t i = first; i < words.size(); ++i) {
-    const auto name = std::filesystem::path(words[i]).filename();  // of "demo", "lab/tsn" and "demo.yaml"
-    if (!words[i].starts_with('-') && (name == file.stem() || name == file.filename())) return words[i];
-  }
-  return file.string();
-}
-
 using Options = std::span<const std::string_view>;
 bool is_one_of(std::string_view word, Options all) { return std::ranges::find(all, word) != all.end(); }
-
-// A scenario is code, and users paste these commands, many with sudo. A bare word is an installed scenario,
-// and so is at most a path such as paper/test1 that is not here. Any other must be a file of this user, or
-// root's.
-bool is_trusted(const std::string& scenario) {
-  const bool has_folder = scenario.find('/') != std::string::npos;
-  if (!has_folder && !scenario.ends_with(".yaml") && !scenario.starts_with('.')) return true;
-  struct stat file {};
-  if (stat(scenario.c_str(), &file) != 0)
-    return has_folder && !scenario.starts_with('/') && !scenario.starts_with('.') &&
-           scenario.find("..") == std::string::npos;
-  const char* const user = std::getenv("SUDO_UID");  // NOLINT(concurrency-mt-unsafe): nothing sets it
-  if (!S_ISREG(file.st_mode)) return false;          // of a folder, each file could be another's
-  return file.st_uid == 0 || file.st_uid == geteuid() ||
-         (geteuid() == 0 && user != nullptr && std::to_string(file.st_uid) == user);
-}
 
 // "--duration" of "--duration=5s".
 std::string name_of_option(const std::string& word) { return word.substr(0, word.find('=')); }
@@ -73,79 +34,111 @@ constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
 constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
                                        "--transports", "--duration", "--explain"};
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
-constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live"};
+constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live",
+                                              "--resume", "--full",    "--deterministic"};
 constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only", "--transports",
                                                 "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
+constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
+// Those that name files or interfaces.
+constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
 
-// Those that name files.
-constexpr std::string_view only_own[] = {"--kernel", "--with"};
+// Whether the word after this one is its value.
+bool takes_value(const std::string& option) {
+  return option.find('=') == std::string::npos && !is_one_of(option, without_value);
+}
+
+// The scenario as it was named then: a name, or a path.
+std::string scenario_of(const Summary& run) {
+  const std::filesystem::path file(run.run.asked.scenario_file);
+  const auto& words = run.run.asked.command_line;
+  if (file.empty() || std::ranges::find(words, file.string()) != words.end()) return file.string();
+  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
+  for (std::size_t i = first; i < words.size(); ++i) {
+    const auto name = std::filesystem::path(words[i]).filename();  // of "demo", "lab/tsn" and "demo.yaml"
+    if (words[i].starts_with('-'))
+      i += takes_value(words[i]) ? 1 : 0;
+    else if (name == file.stem() || name == file.filename())
+      return words[i];
+  }
+  return file.string();
+}
 
 // The wanted options of the scenario's command line, with their values; and all options of the lab.
-std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted,
-                                    bool is_own) {
+std::vector<std::string> options_of(const Summary& run, Options wanted, bool is_own) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
   const bool in_lab = is_simulated(run);
   // Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
   if (in_lab && words.size() > 1 && words[1] == "run") return kept;
-  bool keeps = false;
   for (std::size_t i = 2; i < words.size(); ++i) {
-    const bool is_option = words[i].starts_with('-');
-    if (is_option) {
-      const auto name = name_of_option(words[i]);
-      keeps = is_one_of(name, wanted) ||
-              (in_lab && is_one_of(name, of_the_lab) && (is_own || !is_one_of(name, only_own)));
+    if (!words[i].starts_with('-')) continue;
+    const auto name = name_of_option(words[i]);
+    const bool has_value = takes_value(words[i]) && i + 1 < words.size();
+    if ((is_one_of(name, wanted) || (in_lab && is_one_of(name, of_the_lab))) &&
+        (is_own || !is_one_of(name, only_own))) {
+      kept.push_back(words[i]);
+      if (has_value) kept.push_back(words[i + 1]);
     }
-    if (keeps && words[i] != scenario) kept.push_back(words[i]);
-    // At most one value: what follows would be another scenario.
-    keeps = keeps && is_option && name_of_option(words[i]) == words[i] && !is_one_of(words[i], without_value);
+    i += has_value ? 1 : 0;
   }
   return kept;
 }
 
-// The words that measure this run again; none, if they are not known. With placeholders where a stranger's
-// file would choose what runs, or where it sends.
-std::vector<std::string> again(const Summary& run, Options wanted, bool is_own) {
+// Options of ping and listen that open no file, port, host or interface.
+bool is_harmless(const std::string& option) {
+  constexpr std::string_view of_listen[] = {"--loopback", "--wait",       "--chain",  "--age",   "--for",
+                                            "--list",     "--no-explain", "--budget", "--reader"};
+  return is_one_of(option, of_listen) ||
+         std::ranges::any_of(conditions::fields(), [&](const auto& field) { return field.flag == option; });
+}
+
+// The words of ping or listen again, without where it writes. Of a stranger's file only what is harmless.
+std::vector<std::string> again_alone(const std::vector<std::string>& words, Options wanted, bool is_own) {
+  const bool listens = words[1] == "listen";
+  const auto is_kept = [&](const std::string& option) {
+    const auto chosen = option == "--for" ? std::string("--duration") : option;
+    if (is_one_of(option, of_output) || (!is_own && !is_harmless(option))) return false;
+    return (chosen != "--duration" && chosen != "--explain") || is_one_of(chosen, wanted);
+  };
+  std::vector<std::string> kept = {"ontime", words[1]};
+  std::size_t skipped = 0;  // so many words, the values of an option that is dropped
+  for (const auto& word : std::span(words).subspan(2)) {
+    if (!word.starts_with('-')) {
+      if (skipped == 0) kept.push_back(word);
+      skipped -= skipped > 0 ? 1 : 0;
+      continue;
+    }
+    const auto option = name_of_option(word);
+    skipped = 0;
+    if (is_kept(option)) {
+      kept.push_back(word);
+      continue;
+    }
+    if (option == "--pcap") return {};  // a capture gets no longer
+    if (!is_own && option == "--peer") kept.insert(kept.end(), {option, "HOST"});
+    if (!is_own && option == "--option") kept.insert(kept.end(), {option, "NAME=VALUE"});
+    // listen's topics follow one value; ping has no words but values.
+    skipped = !listens ? words.size() : option == word ? 1 : 0;
+  }
+  return kept;
+}
+
+// The words that measure this run again; none, if they are not known.
+std::vector<std::string> again(const Summary& run, Options wanted, const Origin& origin) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (scenario.starts_with('-')) return {};  // of a foreign file: it would be an option
+    const bool is_trusted = origin.is_own || (origin.trusts && origin.trusts(scenario));
     std::vector<std::string> all = {"ontime"};
     if (is_simulated(run)) all.emplace_back("lab");
-    all.insert(all.end(), {"run", is_own || is_trusted(scenario) ? scenario : "SCENARIO"});
-    const auto options = options_of(run, scenario, wanted, is_own);
+    all.insert(all.end(), {"run", is_trusted ? scenario : "SCENARIO"});
+    const auto options = options_of(run, wanted, origin.is_own);
     all.insert(all.end(), options.begin(), options.end());
     return all;
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
-  if (std::ranges::find(words, "--pcap") != words.end()) return {};  // a capture gets no longer
-  const auto is_dropped = [&](const std::string& option) {
-    constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full"};
-    const auto chosen = option == "--for" ? std::string_view("--duration") : std::string_view(option);
-    return is_one_of(option, of_output) ||
-           ((chosen == "--duration" || chosen == "--explain") && !is_one_of(chosen, wanted));
-  };
-  std::vector<std::string> kept = {"ontime"};
-  for (std::size_t i = 1; i < words.size(); ++i) {
-    const auto option = name_of_option(words[i]);
-    if (!is_own && option == "--metrics") {
-      if (option == words[i]) ++i;
-      continue;
-    }
-    if (!is_own && (option == "--option" || option == "--peer")) {
-      kept.insert(kept.end(), {option, option == "--peer" ? "HOST" : "NAME=VALUE"});
-      while (i + 1 < words.size() && !words[i + 1].starts_with('-')) ++i;
-      continue;
-    }
-    if (!is_dropped(option)) {
-      kept.push_back(words[i]);
-      continue;
-    }
-    if (option != words[i] || option == "--full") continue;  // no value follows
-    const bool has_value = i + 1 < words.size() && (words[i + 1] == "on" || words[i + 1] == "off");
-    if (option != "--explain" || has_value) ++i;
-  }
-  return kept;
+  return again_alone(words, wanted, origin.is_own);
 }
 
 // It fails again without it.
@@ -170,12 +163,10 @@ bool can_be_named(const std::string& id) {
 std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin) {
   std::vector<Answer::Step> steps;
   const auto add = [&](const char* why, const std::vector<std::string>& words, bool as_root = false) {
-    if (const auto line = shell_line(words); line && !words.empty())
+    if (const auto line = table::line_to_paste(words); line && !words.empty())
       steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
   };
-  const auto again = [&](const Summary& run, Options wanted) {
-    return report::again(run, wanted, origin.is_own);
-  };
+  const auto again = [&](const Summary& run, Options wanted) { return report::again(run, wanted, origin); };
   const auto with = [](std::vector<std::string> words, std::initializer_list<std::string> further) {
     if (!words.empty()) words.insert(words.end(), further);
     return words;
@@ -185,7 +176,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   const auto is_of_scenario = [&](const Words& words) {
     return words.size() > 1 && words[1] != "ping" && !is_of_listen(words);
   };
-  const auto file = origin.file.starts_with('-') ? "./" + origin.file : origin.file;  // not an option
+  const auto file = table::as_operand(origin.file);
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
   if (!origin.finish.empty())
     steps.push_back({"Finish", origin.finish});

@@ -9,6 +9,9 @@
 
 #include <fmt/format.h>
 
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
 namespace ontime::report {
 namespace {
 
@@ -74,6 +77,10 @@ void tell(SameCause& same) {
 std::string text_of(const LateCause& of) {
   return (of.date.empty() ? "" : of.date + "  ") + sentence_between(of, of, true) +
          (of.fix.empty() ? "" : "; fix: " + of.fix);
+}
+
+std::string text_of(const record::Note& note) {
+  return printable(note.cause ? text_of(*note.cause) : note.text.empty() ? note.kind : note.text);
 }
 
 std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>& notes) {

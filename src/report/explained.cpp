@@ -261,8 +261,7 @@ ordered_json json_of(const Explained& one) {
   auto notes = ordered_json::array();
   for (const auto& note : one.notes)
     if (record::tells_of_late(note))
-      notes.push_back({{"at_ns", note.at_ns.value_or(0)},
-                       {"text", printable(note.cause ? report::text_of(*note.cause) : note.text)}});
+      notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", report::text_of(note)}});
   auto without = ordered_json();
   if (one.run.asked.is_listened()) {
     const auto [not_seen, no_space, not_examined, unknown] = without_cause(one);

@@ -51,7 +51,7 @@ ordered_json notes_of(const statistics::Summary& summary) {
   return array_of(summary.notes, [&](const record::Note& note) -> ordered_json {
     const bool timed = note.at_ns && summary.start_ns != 0;
     return {{"kind", note.kind},
-            {"text", note.text},
+            {"text", report::text_of(note)},
             {"at_s", timed ? ordered_json(seconds_into(summary, *note.at_ns)) : ordered_json()},
             {"message", or_null(note.message)}};
   });

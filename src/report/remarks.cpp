@@ -149,9 +149,7 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
 // "at 3.2 s: the pong left".
 constexpr std::size_t most_notes = 5;
 std::string text_of(const record::Note& note, const statistics::Summary& summary) {
-  auto text = printable(note.cause          ? report::text_of(*note.cause)
-                        : note.text.empty() ? note.kind
-                                            : note.text);
+  auto text = report::text_of(note);
   if (note.message) text += fmt::format(" (message {})", *note.message);
   if (!note.at_ns || summary.start_ns == 0) return text;
   if (*note.at_ns < summary.start_ns) return "before the first message: " + text;

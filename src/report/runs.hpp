@@ -21,6 +21,7 @@ inline double seconds_into(const statistics::Summary& run, std::int64_t at_ns) {
   return (static_cast<double>(at_ns) - static_cast<double>(run.start_ns)) / 1e9;
 }
 
+std::string text_of(const record::Note&);                    // in every output: its cause, if that is known
 nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);
 table::Page page_of(const Summaries&);

@@ -156,7 +156,10 @@ class Bounds final : public YAML::EventHandler {
   const bool of_map = error.msg == YAML::ErrorMsg::END_OF_MAP_FLOW;
   const bool in_bracket = of_map || error.msg == YAML::ErrorMsg::END_OF_SEQ_FLOW;
   const bool has_key = line.find(": ") < column;
-  if ((error.msg == YAML::ErrorMsg::MAP_VALUE && has_key) || (in_bracket && line.substr(column, 1) == ":"))
+  // Below an open bracket, the next line's key ends the text of a value as well.
+  const bool in_text =
+      in_bracket && line.substr(column, 1) == ":" && bounds.innermost().line == error.mark.line;
+  if ((error.msg == YAML::ErrorMsg::MAP_VALUE && has_key) || in_text)
     fail_at(file, mark, "a text with ': ' needs quotes, such as title: 'a: b'");
   if (error.msg == YAML::ErrorMsg::MAP_VALUE)
     fail_at(file, mark,

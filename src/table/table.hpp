@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -34,6 +35,9 @@ std::string join(const std::vector<std::string>& parts, std::string_view separat
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
 // As one command, which a POSIX shell takes for these words.
 std::string shell_line(const std::vector<std::string>& words);
+// For texts that users paste; nothing, if a word has a character that a terminal may show as another.
+std::optional<std::string> line_to_paste(const std::vector<std::string>& words);
+std::string as_operand(const std::string& file);  // of "-x" "./-x", which is no option
 std::string replace_all(std::string text, std::string_view what, std::string_view with);
 
 struct Column {

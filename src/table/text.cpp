@@ -155,4 +155,12 @@ std::string shell_line(const std::vector<std::string>& words) {
   return join(quoted, " ");
 }
 
+std::optional<std::string> line_to_paste(const std::vector<std::string>& words) {
+  for (const auto& word : words)
+    if (printable(word) != word) return std::nullopt;
+  return shell_line(words);
+}
+
+std::string as_operand(const std::string& file) { return (file.starts_with('-') ? "./" : "") + file; }
+
 }  // namespace ontime::table

@@ -38,6 +38,6 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (summaries.size() != runs.size()) std::abort();
   for (const auto format : {report::Format::table, report::Format::json})
     if (report::render(summaries, format).empty()) std::abort();
-  if (page::page_of(reader, summaries, "fuzz").empty()) std::abort();
+  if (page::page_of(reader, summaries, {.file = "fuzz"}).empty()) std::abort();
   return 0;
 }

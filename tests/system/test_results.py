@@ -96,6 +96,25 @@ class Results(unittest.TestCase):
                 with self.subTest(command, results=results):
                     self.assertIn(flaw, self.ontime(*command, "--results", results, code=2).stderr)
 
+    def test_next_commands_name_no_scenario_that_others_can_change(self):
+        scenario = self.scenario()
+        scenario.write_text(scenario.read_text().replace("period: 5 ms", "period: 5 ms, deadline: 1 us"))
+        self.ontime("run", scenario, "--results", self.results)
+
+        def named():
+            texts = [self.ontime("report", self.results, *more).stdout for more in ((), ("--format", "html"))]
+            return [f"ontime run {scenario}" in text for text in texts]
+
+        self.assertEqual(named(), [True, True])
+        for path, mode in ((scenario, 0o666), (self.folder, 0o777)):
+            path.chmod(mode)
+            self.assertEqual(named(), [False, False], path)
+            path.chmod(mode & 0o755)
+        self.assertEqual(named(), [True, True])
+        scenario.rename(self.folder / "moved.yaml")
+        scenario.symlink_to("moved.yaml")
+        self.assertEqual(named(), [False, False])
+
     # --- gates ---
 
     def test_what_a_scenario_requires_is_judged_and_recorded(self):
