@@ -321,6 +321,27 @@ TEST(Summary, CycleOfALostMessageWaitsForTheNextAnswerAndLongerThanItsTimeOut) {
   EXPECT_EQ(none.open_wait_ns, 1000 * ms + 51 * us);
 }
 
+TEST(Summary, LongestOpenWaitIsKeptWhereAShorterOneFollows) {
+  const auto summary =
+      summary_of({lost(0, 0, 0), answered(1, 10 * ms, 0, us), answered(2, 600 * ms, 0, us)},
+                 {{"schedule", "fixed"}, {"timeout_us", 500000}},
+                 {{"trailing_cycles", 40}, {"trailing_due_ns", 610 * ms}, {"trailing_until_ns", 1015 * ms}});
+  EXPECT_EQ(summary.response.max, 405 * ms);
+  EXPECT_EQ(summary.open_wait_ns, 500 * ms + 51 * us) << "of the lost message";
+}
+
+TEST(Summary, WaitAcrossMissingSamplesIsKnownOnlyUntilThese) {
+  const auto meanwhile = summary_of(
+      {answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 2), answered(99, 1010 * ms, 0, us)}, asked_next_free);
+  EXPECT_EQ(meanwhile.lost_wait_ns, 0) << "a missing message may have been answered before";
+  EXPECT_EQ(meanwhile.open_wait_ns, 500 * ms + 51 * us);
+  EXPECT_EQ(meanwhile.response.max, 20 * ms + 51 * us) << "skipped cycles waited until the message was sent";
+
+  const auto at_end = summary_of({answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 0)}, asked_next_free,
+                                 {{"sent", 100}, {"trailing_until_ns", 5000 * ms}});
+  EXPECT_EQ(at_end.open_wait_ns, 500 * ms + 51 * us);
+}
+
 TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   const nlohmann::json outcome = {
       {"trailing_cycles", 40}, {"trailing_due_ns", 20 * ms}, {"trailing_until_ns", 425 * ms}};

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // How long cycles whose messages were lost waited: until the answer to a later one, if that came after they
-// were given up. Else their wait is open: no answer ended it.
+// were given up. Else their wait is open: no answer is known that ended it.
 #pragma once
 
 #include <algorithm>
@@ -32,6 +32,10 @@ class LostWait {
       wait = {wait->since_ns, between(wait->since_ns, at_ns), false};
     return wait;
   }
+
+  // Samples are missing here: one of these messages may have been answered. The wait is known only until the
+  // lost ones were given up.
+  std::optional<Wait> cut() { return std::exchange(wait_, {}); }
 
   // At the end: no answer came until then.
   std::optional<Wait> ended(std::int64_t until_ns) {

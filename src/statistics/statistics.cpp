@@ -73,6 +73,8 @@ class Pass {
         worst_(timeout_ns_) {}
 
   void message(const Sample& sample) {
+    if (sample.index != next_) cut();
+    next_ = sample.index + 1;
     ++summary_.sent;
     if (has_cycles_) {
       wake_up_.add(between(sample.due_ns, sample.woke_ns));
@@ -111,6 +113,7 @@ class Pass {
 
   void finish() && {
     const auto& counted = summary_.run.outcome.counters;
+    if (counted.sent > next_) cut();
     if (counted.trailing_cycles > 0 && counted.trailing_cycles < most_trailing) {
       skip(Series::of(counted.trailing_due_ns, positive_ns(asked_.period).value_or(0),
                       counted.trailing_cycles));
@@ -119,10 +122,7 @@ class Pass {
     // Those that no answer came to waited at least so long.
     const auto until_ns =
         waiting_.empty() ? waited_until_ns_ : std::max(waited_until_ns_, waiting_.back().greatest());
-    if (!waiting_.empty()) {
-      summary_.open_wait_ns = between(waiting_.front().least, until_ns);
-      answer_waiting(until_ns);
-    }
+    leave_waiting(until_ns);
     if (const auto wait = lost_wait_.ended(until_ns)) keep(*wait);
     std::move(parts_).into(summary_);
     summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
@@ -170,6 +170,13 @@ class Pass {
     longest = std::max(longest, wait.ns);
   }
 
+  // Samples are missing: an answer to one of these messages may have ended what waits. Skipped cycles are
+  // known to have waited until the last message before these was sent.
+  void cut() {
+    if (const auto wait = lost_wait_.cut()) keep(*wait);
+    leave_waiting(between(timeout_ns_.value_or(0), waited_until_ns_));
+  }
+
   void skip(const Series& cycles) {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
@@ -204,6 +211,13 @@ class Pass {
     waiting_.clear();
   }
 
+  // No answer is known that ended the wait.
+  void leave_waiting(std::int64_t until_ns) {
+    if (waiting_.empty()) return;
+    keep({waiting_.front().least, between(waiting_.front().least, until_ns), true});
+    answer_waiting(until_ns);
+  }
+
   Summary& summary_;
   const roundtrip::ClientOptions& asked_;
   const std::optional<std::int64_t> timeout_ns_, deadline_ns_;
@@ -217,6 +231,7 @@ class Pass {
   Course round_trip_course_, response_course_;
   Batches late_by_response_;  // of each cycle
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
+  std::uint64_t next_ = 0;            // index of the next message, unless samples are missing
   std::vector<Series> waiting_;       // cycles, for the next answer
   std::int64_t waited_until_ns_ = 0;  // at least, if no answer came
   LostWait lost_wait_;

@@ -114,7 +114,7 @@ struct Summary {
   // such an answer, as long as they are known to have waited. Hides no stall. A lost message has no response
   // time.
   Distribution response;
-  // The longest wait that no answer ended; 0: no such wait, or no cycles.
+  // The longest wait that no answer ended, or none whose sample is there; 0: no such wait, or no cycles.
   std::int64_t open_wait_ns = 0;
   // The longest of a cycle whose message was lost that the answer to a later one ended; 0: no such wait.
   std::int64_t lost_wait_ns = 0;
