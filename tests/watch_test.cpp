@@ -130,6 +130,8 @@ TEST_F(Following, EndedRunHasTheCountsAndTheLongestWaitOfItsReport) {
     lost.skipped_cycles = 3;
     lost.intended_ns -= 30'000'000;
   }
+  auto missing = stood_still;
+  missing.erase(missing.begin() + 101, missing.begin() + 300);
   const auto number = std::numeric_limits<std::int64_t>::max();
   const json damaged = {{"trailing_cycles", 7}, {"trailing_due_ns", -number}, {"trailing_until_ns", number}};
   record::Writer writer(path_);
@@ -137,6 +139,8 @@ TEST_F(Following, EndedRunHasTheCountsAndTheLongestWaitOfItsReport) {
   for (const auto& [samples, outcome] : {std::pair{usual(0, 500), trailing},
                                          {stood_still, json{{"sent", 500}}},
                                          {stood_still, trailing},
+                                         {missing, json{{"sent", 500}}},
+                                         {missing, json{{"sent", 600}, {"trailing_until_ns", due_ns(600)}}},
                                          {usual(0, 5), damaged},
                                          {{}, trailing},
                                          {{}, json{{"sent", 0}}}}) {
@@ -149,7 +153,7 @@ TEST_F(Following, EndedRunHasTheCountsAndTheLongestWaitOfItsReport) {
     const auto reader = writer.reader();
     const auto report = statistics::summarise(reader, reader.runs().back());
     EXPECT_EQ(progress.skipped_cycles, report.skipped_cycles) << outcome;
-    EXPECT_EQ(progress.response_max_ns, report.response.max) << outcome;
+    EXPECT_EQ(progress.response_max_ns.value_or(0), report.response.max) << outcome;
     EXPECT_EQ(progress.lost, report.lost) << outcome;
     const auto ended_ns = std::max(report.response.max, report.lost_wait_ns);
     const bool is_open = report.open_wait_ns >= ended_ns && report.open_wait_ns > 0;
@@ -170,6 +174,7 @@ TEST_F(Following, LostMessageIsAmongTheWorstAsLongAsItsTimeOut) {
   Follower follower(path_);
   EXPECT_THAT(text_of(follower.look()), HasSubstr("worst: response ≥ 500.1 ms (no answer) at 0.07 s\n"));
   EXPECT_THAT(text_of(follower.look()), HasSubstr("worst: response 1.059 ms (round trip 987.7 µs)"));
+  EXPECT_THAT(metrics_of(follower.look()), ::testing::ContainsRegex("response_max_seconds[^\n]* 0\\.50007"));
   // The next answer comes after it was given up: until then its cycle waited.
   for (std::size_t i = 8; i < samples.size(); ++i)
     for (auto* const ns : {&samples[i].intended_ns, &samples[i].due_ns, &samples[i].woke_ns,
@@ -186,6 +191,51 @@ TEST_F(Following, LostMessageIsAmongTheWorstAsLongAsItsTimeOut) {
   writer.append(writer.begin_run(listened), samples);
   writer.flush();
   EXPECT_THAT(text_of(follower.look()), Not(HasSubstr("no answer"))) << "it has no time-out";
+}
+
+TEST_F(Following, WaitOfALostMessageEndsWhereSamplesAreMissing) {
+  auto samples = usual(0, 500);
+  for (const auto i : {7U, 350U}) {  // at the first look one may still prove answered
+    samples[i].fate = Fate::lost;
+    samples[i].received_ns = 0;
+  }
+  samples.erase(samples.begin() + 351, samples.begin() + 450);
+  samples.erase(samples.begin() + 8, samples.begin() + 100);
+  record::Writer writer(path_);
+  const auto run = writer.begin_run(asked_with_cycles(asked()));
+  writer.append(run, samples);
+  writer.flush();
+  Follower follower(path_);
+  for (const auto more : {0U, 0U, 300U}) {
+    writer.append(run, usual(500, more));
+    writer.flush();
+    const auto& worst = follower.look().worst;
+    ASSERT_EQ(worst.size(), 3U);
+    for (const auto i : {0U, 1U}) {
+      EXPECT_EQ(worst[i].message, std::nullopt) << "a missing message may have been answered before";
+      EXPECT_EQ(worst[i].response_ns, 500'071'110);
+    }
+  }
+}
+
+TEST_F(Following, ResponseTimeIsUnknownWithoutAnAnswer) {
+  record::Writer writer(path_);
+  const auto run = writer.begin_run(asked_with_cycles(asked()));
+  Follower follower(path_);
+  EXPECT_TRUE(json::parse(json_of(follower.look())).at("response_max_us").is_null());
+  EXPECT_THAT(metrics_of(follower.look()), Not(HasSubstr("_max_seconds")));
+  auto samples = usual(0, 3);
+  for (auto& sample : samples) {
+    sample.fate = Fate::lost;
+    sample.received_ns = 0;
+  }
+  writer.append(run, samples);
+  writer.end_run(run, {{"sent", 3}});
+  EXPECT_TRUE(json::parse(json_of(follower.look())).at("response_max_us").is_null());
+  const auto metrics = metrics_of(follower.look());
+  EXPECT_THAT(metrics, Not(HasSubstr("round_trip_max_seconds")));
+  EXPECT_THAT(metrics, ::testing::ContainsRegex("response_max_seconds[^\n]* 0\\.52007"))
+      << "it waited so long";
 }
 
 TEST_F(Following, CyclesAfterTheLastMessageAreCountedOnceTheRunHasEnded) {
@@ -293,6 +343,27 @@ TEST_F(Following, FlightRecordersAgesDoNotTellHowLongTheyTook) {
   EXPECT_THAT(text_of(Follower(path_).look()), StartsWith("run 1  /cmd_vel age  (flight recorder"));
   EXPECT_TRUE(json::parse(json_of(Follower(path_).look())).at("elapsed_s").is_null());
   kill(child);
+}
+
+// Values of 10.0 to 10.1 ms are recorded as one, by the greatest of these.
+TEST_F(Following, FlightRecordersMeanAndMaximumAreThoseOfItsRecord) {
+  auto outcome = recorded();
+  outcome["histogram"]["values"] = json::array({json::array({10'100'000, 3600})});
+  outcome["histogram"]["max_ns"] = 10'100'000;
+  outcome["histogram"]["mean_ns"] = 10e6;
+  record::Writer writer(path_);
+  const auto shown = [&] {
+    writer.end_run(writer.begin_run({{"measures", "period"}, {"kept", "worst"}}), outcome);
+    return Follower(path_).look();
+  };
+  const auto exact = shown();
+  EXPECT_THAT(text_of(exact), HasSubstr("period: min 10 ms  mean 10 ms  max 10.1 ms"));
+  EXPECT_EQ(exact.elapsed_s, 36.0);
+  EXPECT_THAT(metrics_of(exact), ::testing::ContainsRegex("round_trip_seconds_sum[^\n]* 36\n"));
+  for (const json& damaged : {json(), json("x"), json(-1), json(1e300)}) {
+    outcome["histogram"]["mean_ns"] = damaged;
+    EXPECT_THAT(text_of(shown()), HasSubstr("mean 10.1 ms  max 10.1 ms")) << damaged;
+  }
 }
 
 TEST_F(Following, DamagedHistogramOfAFlightRecorderIsLeftOut) {

@@ -33,4 +33,10 @@ void Buckets::add(std::int64_t ns, std::uint64_t count) {
   count_ += count;
 }
 
+void Buckets::correct(std::int64_t max_ns, double mean_ns) {
+  max_ns_ = max_ns;
+  min_ns_ = std::min(min_ns_, static_cast<std::int64_t>(mean_ns));
+  sum_ns_ = mean_ns * static_cast<double>(count_);
+}
+
 }  // namespace ontime::watch

@@ -14,6 +14,7 @@ namespace {
 using roundtrip::Fate;
 using roundtrip::Sample;
 using statistics::between;
+using statistics::LostWait;
 using statistics::nth_after;
 
 constexpr std::int64_t may_change_ns = 2'000'000'000;  // a lost message may prove answered within this time
@@ -35,8 +36,29 @@ void keep(Counted& all, const Worst& wait) {
   if (all.worst.size() > most_worst) all.worst.pop_back();
 }
 
+// No answer is known that ended the wait. Skipped cycles waited at least until then.
+void leave_open(Counted& all, std::optional<LostWait::Wait> wait, std::int64_t until_ns,
+                std::optional<std::int64_t> start_ns) {
+  if (const auto since_ns = std::exchange(all.waiting_since_ns, {})) {
+    const auto skipped_ns = between(*since_ns, until_ns);
+    all.response_max_ns = std::max(all.response_max_ns, std::optional(skipped_ns));
+    if (!wait || wait->ns < skipped_ns) wait = {*since_ns, skipped_ns, true};
+  }
+  if (!wait) return;
+  const auto at_ns = between(start_ns.value_or(wait->since_ns), wait->since_ns);
+  keep(all, {{}, static_cast<double>(at_ns) / 1e9, 0, wait->ns});
+}
+
+// Samples are missing: an answer to one of these messages may have ended what waits. Skipped cycles are known
+// to have waited until the last message before these was sent.
+void cut(Counted& all, std::optional<std::int64_t> start_ns, std::int64_t timeout_ns) {
+  leave_open(all, all.lost_wait.cut(), between(timeout_ns, all.waited_until_ns), start_ns);
+}
+
 void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t timeout_ns) {
   const auto at_s = [&](std::int64_t due_ns) { return static_cast<double>(between(start_ns, due_ns)) / 1e9; };
+  if (sample.index != all.next_message) cut(all, start_ns, timeout_ns);
+  all.next_message = sample.index + 1;
   ++all.sent;
   all.skipped_cycles += sample.skipped_cycles;
   if (sample.skipped_cycles > 0 && !all.waiting_since_ns) all.waiting_since_ns = sample.intended_ns;
@@ -51,7 +73,7 @@ void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t
   all.round_trip.add(round_trip_ns);
   const auto due_ns = std::exchange(all.waiting_since_ns, {}).value_or(sample.due_ns);
   const auto response_ns = between(due_ns, sample.received_ns);
-  all.response_max_ns = std::max(all.response_max_ns, response_ns);
+  all.response_max_ns = std::max(all.response_max_ns, std::optional(response_ns));
   const auto lost = all.lost_wait.answered(sample.received_ns);
   if (lost && lost->is_open) keep(all, {{}, at_s(lost->since_ns), 0, lost->ns});
   const bool waited_longer = lost && !lost->is_open && lost->ns > response_ns;
@@ -61,8 +83,10 @@ void add(Counted& all, const Sample& sample, std::int64_t start_ns, std::int64_t
 
 // What no sample shows, as statistics have it: cycles skipped after the last message, and a wait that no
 // answer ended.
-void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> start_ns) {
+void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> start_ns,
+             std::int64_t timeout_ns) {
   const auto& counted = run.outcome.counters;
+  if (counted.sent > all.next_message) cut(all, start_ns, timeout_ns);
   if (counted.trailing_cycles > 0 && counted.trailing_cycles < statistics::most_trailing) {
     const auto period_ns = std::max<std::int64_t>(run.asked.task.client.period.count(), 0);
     all.skipped_cycles += counted.trailing_cycles;
@@ -71,15 +95,7 @@ void add_end(Counted& all, const record::Run& run, std::optional<std::int64_t> s
         std::max({all.waited_until_ns, counted.trailing_until_ns,
                   nth_after(counted.trailing_due_ns, period_ns, counted.trailing_cycles - 1)});
   }
-  auto wait = all.lost_wait.ended(all.waited_until_ns);
-  if (const auto since_ns = all.waiting_since_ns) {
-    const auto skipped_ns = between(*since_ns, all.waited_until_ns);
-    all.response_max_ns = std::max(all.response_max_ns, skipped_ns);
-    if (!wait || wait->ns < skipped_ns) wait = {*since_ns, skipped_ns, true};
-  }
-  if (!wait) return;
-  const auto at_ns = between(start_ns.value_or(wait->since_ns), wait->since_ns);
-  keep(all, {{}, static_cast<double>(at_ns) / 1e9, 0, wait->ns});
+  leave_open(all, all.lost_wait.ended(all.waited_until_ns), all.waited_until_ns, start_ns);
 }
 
 // Messages whose samples are missing: the client counted them. Returns how many.
@@ -94,7 +110,8 @@ std::uint64_t add_unrecorded(Counted& all, const roundtrip::Counters& counted) {
   return missing;
 }
 
-// Where only the worst are kept, the outcome has the times of all.
+// Where only the worst are kept, the outcome has the times of all: each rounded, but their mean and their
+// maximum as they are.
 Buckets times_in(const record::Counts& counted) {
   constexpr auto most = std::uint64_t{1} << 60;  // of a damaged file: more is neither a time nor a count
   Buckets times;
@@ -106,6 +123,11 @@ Buckets times_in(const record::Counts& counted) {
     if (ns <= most && count > 0 && count <= most - std::min(times.count(), most))
       times.add(static_cast<std::int64_t>(ns), count);
   }
+  const auto max_ns = counted.max_ns.value_or(-1);
+  const auto mean_ns = counted.mean_ns.value_or(-1);
+  if (times.count() > 0 && max_ns <= static_cast<std::int64_t>(most) && mean_ns >= 0 &&
+      mean_ns <= static_cast<double>(max_ns))
+    times.correct(max_ns, mean_ns);
   return times;
 }
 
@@ -114,7 +136,6 @@ Buckets times_in(const record::Counts& counted) {
 void Follower::begin(const record::Run& run) {
   settled_ = {};
   start_ns_.reset();
-  next_ = 0;
   progress_ = {};
   progress_.run = run;
   if (const auto duration = run.asked.task.client.duration; duration.count() > 0)
@@ -161,15 +182,13 @@ void Follower::look_once() {
   // Settled samples are added once; newer ones are counted again at each look.
   std::deque<Sample> unsettled;
   if (progress_.run.number > 0)
-    reader.each_sample(progress_.run.number, next_, [&](const Sample& sample) {
+    reader.each_sample(progress_.run.number, settled_.next_message, [&](const Sample& sample) {
       if (!start_ns_) start_ns_ = sample.intended_ns;
       unsettled.push_back(sample);
       for (; unsettled.front().intended_ns <
              sample.intended_ns - (keeps_worst ? may_be_kept_ns : may_change_ns);
-           unsettled.pop_front()) {
+           unsettled.pop_front())
         add(settled_, unsettled.front(), *start_ns_, timeout_ns);
-        next_ = unsettled.front().index + 1;
-      }
     });
   auto newest = settled_;
   for (const auto& sample : unsettled) add(newest, sample, *start_ns_, timeout_ns);
@@ -192,7 +211,7 @@ void Follower::look_once() {
   }
   // The outcome of a flight recorder's run is preliminary.
   const bool has_ended = !is_written || (progress_.run.outcome.has_ended() && !keeps_worst);
-  if (has_ended) add_end(newest, progress_.run, start_ns_);
+  if (has_ended) add_end(newest, progress_.run, start_ns_, timeout_ns);
   const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
   progress_.unrecorded = keeps_worst ? 0 : missing;  // it was to keep no others
   static_cast<Counted&>(progress_) = newest;

@@ -175,7 +175,8 @@ std::string json_of(const Progress& progress) {
     object["round_trip_us"] = {{"min", in_us(times.min_ns())},
                                {"mean", std::round(mean_ns(times)) / 1e3},
                                {"max", in_us(times.max_ns())}};
-  object["response_max_us"] = or_null(!progress.worst.empty(), in_us(progress.response_max_ns));
+  object["response_max_us"] =
+      or_null(progress.response_max_ns.has_value(), in_us(progress.response_max_ns.value_or(0)));
   object["histogram"] = nlohmann::ordered_json::array();
   for (auto [i, end] = filled(times); i < end; ++i) {
     const bool beyond = i + 1 == Buckets::size;
@@ -220,10 +221,12 @@ std::string metrics_of(const Progress& progress) {
   if (progress.duration_s)
     add("duration_seconds", "gauge", "Requested duration of the run.", *progress.duration_s);
   const auto& times = progress.round_trip;
-  add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", in_s(times.max_ns()));
-  add("response_max_seconds", "gauge",
-      "Longest response time: from the due time to the reply, or, without one, as long as is known.",
-      in_s(progress.response_max_ns));
+  if (times.count() > 0)
+    add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", in_s(times.max_ns()));
+  if (!progress.worst.empty())
+    add("response_max_seconds", "gauge",
+        "Longest wait, also of a lost message: from the due time to the reply, or as long as is known.",
+        in_s(progress.worst.front().response_ns));
   text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
   text.add(run, times.counts(), times.sum_ns());
   return std::move(text).text();

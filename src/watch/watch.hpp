@@ -30,6 +30,8 @@ class Buckets {
   std::int64_t min_ns() const { return min_ns_; }  // 0 without values, as the others
   std::int64_t max_ns() const { return max_ns_; }
   double sum_ns() const { return sum_ns_; }
+  // Of values that were rounded: their exact maximum and mean. Makes the minimum at most this mean.
+  void correct(std::int64_t max_ns, double mean_ns);
 
  private:
   std::array<std::uint64_t, size> counts_{};
@@ -40,7 +42,7 @@ class Buckets {
 using BucketCounts = std::array<std::uint64_t, Buckets::size>;
 
 struct Worst {
-  std::optional<std::uint64_t> message;  // whose answer ended the wait; nothing: no answer did
+  std::optional<std::uint64_t> message;  // whose answer ended the wait; nothing: none is known
   double at_s;                           // when the first cycle that waited was due, after the run's first
   std::int64_t round_trip_ns, response_ns;
 };
@@ -48,14 +50,17 @@ struct Worst {
 // Outcomes of a run's messages.
 struct Counted {
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
-  Buckets round_trip;                // of messages that were answered
-  std::int64_t response_max_ns = 0;  // of all cycles: of skipped ones until the answer that they waited for
-  std::vector<Worst> worst;          // by response time, the longest first; at most 3
+  Buckets round_trip;  // of messages that were answered
+  // Of all cycles: of skipped ones until the answer that they waited for. A lost message has no response
+  // time.
+  std::optional<std::int64_t> response_max_ns;
+  std::vector<Worst> worst;  // by response time, the longest first; at most 3; waits of lost messages, too
   // Skipped cycles that no answer has reached: when the first was due. None of them can have one before
   // `waited_until_ns`.
   std::optional<std::int64_t> waiting_since_ns;
   std::int64_t waited_until_ns = 0;
   statistics::LostWait lost_wait;
+  std::uint64_t next_message = 0;  // the index of the next one, unless samples are missing
 };
 
 // The recorded part of a run. Once its outcome is known: all messages and cycles, as the report has them. Of
@@ -89,9 +94,8 @@ class Follower {
   void begin(const record::Run&);
   const std::string results_;
   bool seen_ = false;
-  Counted settled_;  // final counts
+  Counted settled_;  // final counts, up to the first message that may change
   std::optional<std::int64_t> start_ns_;
-  std::uint64_t next_ = 0;  // the first message that may change
   Progress progress_;
 };
 
