@@ -86,6 +86,36 @@ TEST(JudgeAChange, OfAShareThatWasZeroGoesByTheLimitToo) {
     EXPECT_STREQ(result_of(text, none), "ok") << text << ": no run could prove that none is ever lost";
 }
 
+TEST(JudgeAChange, LimitInPointsIsAnsweredInPoints) {
+  const auto losing = [](double value, double low, double high) {
+    auto one = run({});
+    one.lost_probability.messages = 1000;
+    one.lost_probability.value = value;
+    one.lost_probability.surer = {low, high};
+    return one;
+  };
+  const auto says_of = [](const char* text, const Summary& from, const Summary& to) {
+    return judge(parse(text, Use::fail_if_compared), {&from}, {&to}, SingleRuns::judged).says;
+  };
+  const auto none = losing(0, 0, 0.004), rare = losing(0.001, 0.00098, 0.00102),
+             many = losing(0.2, 0.196, 0.204);
+  const auto points = says_of("lost > +0.1 points", rare, many);
+  EXPECT_THAT(points, HasSubstr("from 0.1 % to 20 % (+19.9 points), 98 % interval [+19."));
+  EXPECT_THAT(points, testing::EndsWith(" points]"));
+  EXPECT_THAT(says_of("lost > +10%", rare, many), HasSubstr("(over 100 times), 98 % interval [over 100"));
+  EXPECT_THAT(says_of("lost > +10%", many, rare), HasSubstr("(-99.5 %)"));
+  EXPECT_THAT(says_of("lost > +0.1 points", many, rare), HasSubstr("(-19.9 points), 98 % interval [-19.9"));
+  EXPECT_THAT(says_of("lost > +0.1 points", rare, losing(0.002, 1e-9, 1)),
+              HasSubstr("(+0.1 points), 98 % interval [-0.1 points, +"));
+  EXPECT_THAT(says_of("lost > +0.1 points", losing(0.001, 1e-5, 0.01), losing(0.002, 1e-9, 1)),
+              testing::AllOf(HasSubstr("+100 points]"), HasSubstr("too")))
+      << "not more than all messages";
+  // Without a ratio an interval in percent would read as one.
+  for (const auto* text : {"lost > +0.1 points", "lost > +10%"})
+    EXPECT_THAT(says_of(text, none, many), HasSubstr("from 0 % to 20 % (+20 points), 98 % interval [+19."))
+        << text;
+}
+
 TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {
   const auto from = run(measured(1, 0.98, 1.02));
   auto to = from;

@@ -154,6 +154,33 @@ bool may_exceed(const statistics::Change& change, double value) {
   return !high || (change.ratio ? change.from * *high : change.from + *high) > value;
 }
 
+// Of a share: where to − from lies, by the interval that decides.
+Interval difference_lies(const statistics::Change& change) {
+  auto lies = change.lies();
+  if (change.ratio)
+    for (auto* end : {&lies.low, &lies.high})
+      if (*end) *end = std::clamp(change.from * (**end - 1), -1.0, 1.0);
+  return lies;
+}
+
+// "(+30 %), 98 % interval [+28 %, +32 %]". Of shares in points if the limit is, or if a run had none late or
+// lost: percent would read as a ratio.
+std::string change_words(const Gate& gate, const statistics::Change& change) {
+  if (change.ratio && (gate.kind == Gate::Limit::ratio || !is_share(gate))) {
+    const auto in_percent = [](double ratio) {
+      if (ratio > 100) return std::string("over 100 times");
+      const double percent = (ratio - 1) * 100;
+      return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
+    };
+    return fmt::format("({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
+  }
+  const auto text = [&](double value) {
+    return is_share(gate) ? fmt::format("{:+.3g} points", value * 100)
+                          : (value < 0 ? "" : "+") + time_of(value);
+  };
+  return fmt::format("({}), {}", text(change.to - change.from), interval(difference_lies(change), text));
+}
+
 // Why `ontime listen` did not see what the gate judges; empty: it did.
 std::string not_seen(const Gate& gate, const Summary& run) {
   if (gate.figure == Figure::lost && !statistics::knows_loss(run.run))
@@ -416,17 +443,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (!change.repeated && single_runs == SingleRuns::open) return open(says + ": " + one_run);
   if (!change.lies().low)  // whatever is measured, it could not be shown to be worse
     return open(says + ": " + too_few);
-  if (!change.ratio) {  // a run had none late or lost
-    says += ", " + interval(change.difference_lies,
-                            [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
+  says += " " + change_words(gate, change);
+  if (!change.ratio)  // a run had none late or lost
     return by_answer(statistics::difference_exceeds(change, permitted_of(gate, change) - change.from), says);
-  }
-  const auto in_percent = [](double ratio) {
-    if (ratio > 100) return std::string("over 100 times");
-    const double percent = (ratio - 1) * 100;
-    return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
-  };
-  says += fmt::format(" ({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
   const auto exceeds =
       gate.kind == Gate::Limit::ratio ? statistics::ratio_exceeds : statistics::difference_exceeds;
   return by_answer(exceeds(change, gate.limit), says);
