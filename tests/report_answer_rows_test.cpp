@@ -26,6 +26,26 @@ TEST(Answer, AWorseRowIsNotLeftOutForAnImportedOne) {
   EXPECT_THAT(text, HasSubstr("NOT APPLIED"));
 }
 
+TEST(Answer, LateRowIsNotLeftOutForOnesThatWereCutOffAndMissedNothing) {
+  std::vector<Summary> runs;
+  for (int i = 0; i < 60; ++i) {
+    auto& one = runs.emplace_back(run(i + 1, fmt::format("row{}.", i), "udp", {}));
+    const bool is_late = i == 40 || i == 41, is_failing = i == 42;
+    if (is_late) one.late = *one.late_by_response = 3;
+    if (is_failing) one.notes.push_back({gate::missed_note, "FAIL: p99 <= 1 ms", {}, {}});
+    if (i == 43) amend(one.run.outcome, "/error", "no peer found");
+    if (i == 44) amend(one.run.outcome, "/hosts/controller/load_running", false);
+    if ((!is_late && !is_failing && i < 43) || i == 41) amend(one.run.outcome, "/interrupted", true);
+  }
+  const auto answer = answer_of(runs, kept);
+  EXPECT_EQ(answer.rows[41].state, State::cut_off);
+  const auto text = text_of(answer, 80);
+  for (const auto* row : {"\nrow40. ", "\nrow41. ", "\nrow42. ", "\nrow43. "})
+    EXPECT_THAT(text, HasSubstr(row));
+  EXPECT_THAT(text, AllOf(HasSubstr("CUT OFF"), ::testing::Not(HasSubstr("NOT APPLIED")),
+                          ::testing::ContainsRegex("… and [0-9]+ more rows, none worse, but [0-9]+ not ok")));
+}
+
 TEST(Answer, StepsAreAboutTheRunsThatTheyName) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "b", "cyclonedds", {}, 5)};
   for (auto& one : runs) {
@@ -104,6 +124,24 @@ TEST(Answer, LateAndLostMessagesThatAreKnownApartAreSaidSo) {
   EXPECT_THAT(answer_of({period, age}, kept).sentence, HasSubstr("as far as is known"));
   amend(age.run.asked, "/deadline_us", 5000);
   EXPECT_THAT(answer_of({period, age}, kept).sentence, StartsWith("No message was late or lost."));
+}
+
+TEST(Answer, RobotsOwnMessagesAreNotCalledCycles) {
+  auto scan = run(1, "/scan period", "", {}), odom = run(2, "/odom period", "", {}, 3);
+  for (auto* one : {&scan, &odom}) amend(one->run.asked, {{"measures", "period"}, {"deadline_us", 5000}});
+  amend(odom.run.outcome, "/interrupted", true);
+  EXPECT_EQ(answer_of({scan, odom}, kept).sentence,
+            "No message was late or lost. 1 of 2 rows was not measured as requested: 3 of its 2,000 messages "
+            "were late or lost.");
+  auto ping = run(3, "a", "udp", {}, 40);
+  amend(ping.run.outcome, "/interrupted", true);
+  EXPECT_THAT(
+      answer_of({scan, odom, ping}, kept).sentence,
+      HasSubstr("2 of 3 rows were not measured as requested: 40 of their 2,000 cycles had no answer in "
+                "time, 3 of their 2,000 messages were late or lost."));
+  auto without_samples = summary(scan.run.asked.document, outcome(), 0);
+  amend(without_samples.run.outcome, "/dropped_records", 2000);
+  EXPECT_EQ(answer_of({without_samples}, kept).sentence, "No sample was recorded of 2,000 messages.");
 }
 
 TEST(Answer, WordOfAForeignFileIsNoOptionOfACommand) {

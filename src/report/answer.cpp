@@ -102,6 +102,37 @@ std::string worst_named(const Class& worst) {
   return fmt::format("; worst: {}", name_of(worst_of(worst)->row, with_id));
 }
 
+// Of rows that the sentence is not about.
+struct Counted {
+  std::uint64_t all = 0, missed = 0;
+};
+// A robot's own messages apart: they are no cycles, and have no answer.
+struct CountedApart {
+  Counted cycles, messages;
+  void add(const Entry& entry) {
+    auto& of = entry.runs.front()->run.asked.is_listened() ? messages : cycles;
+    of.all += entry.row.cycles;
+    of.missed += entry.row.missed;
+  }
+};
+
+std::string no_sample_words(const CountedApart& counted) {
+  std::vector<std::string> all;
+  if (counted.cycles.all > 0) all.push_back(grouped(counted.cycles.all) + " cycles");
+  if (counted.messages.all > 0) all.push_back(grouped(counted.messages.all) + " messages");
+  return all.empty() ? "" : fmt::format("No sample was recorded of {}.", join(all, " and "));
+}
+
+// `whose`: "its" or "their".
+std::string missed_words(const CountedApart& counted, const char* whose) {
+  std::vector<std::string> all;
+  for (const auto& [of, how] : {std::pair(counted.cycles, "cycles had no answer in time"),
+                                {counted.messages, "messages were late or lost"}})
+    if (of.missed > 0)
+      all.push_back(fmt::format("{} of {} {} {}", grouped(of.missed), whose, grouped(of.all), how));
+  return all.empty() ? "" : ": " + join(all, ", ");
+}
+
 constexpr const char* no_limit_words =
     "No limit is set (--deadline, --period, --age): no message counts as late.";
 
@@ -287,23 +318,24 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const bool lacks_limit =
         std::ranges::any_of(answer.rows, [](const Row& row) { return row.state == State::no_limit; });
     const bool has_open = std::ranges::any_of(answer.rows, &Row::open_requirement);
-    std::uint64_t cycles = 0;
-    for (const auto& row : answer.rows) cycles += row.cycles;
+    CountedApart counted;
+    for (const auto& entry : entries) counted.add(entry);
+    const auto no_sample = no_sample_words(counted);
     answer.sentence = lacks_limit && has_open ? "Nothing tells which messages were late or lost."
                       : lacks_limit           ? std::string(no_limit_words) + " Lost messages are unknown."
-                      : cycles > 0 ? fmt::format("No sample was recorded of {} cycles.", grouped(cycles))
-                      : imported   ? "Imported: wake-up latencies of another tool, no messages."
-                                   : "Nothing was measured. No message was sent.";
+                      : !no_sample.empty()    ? no_sample
+                      : imported              ? "Imported: wake-up latencies of another tool, no messages."
+                                              : "Nothing was measured. No message was sent.";
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
     std::size_t left_out = 0;
-    std::uint64_t cycles = 0, missed = 0;  // of these
-    for (const auto& row : answer.rows) {
-      if (!held || as_requested(row.state) || row.state <= State::no_limit) continue;
+    CountedApart counted;  // of these
+    for (const auto& entry : entries) {
+      const auto state = entry.row.state;
+      if (!held || as_requested(state) || state <= State::no_limit) continue;
       ++left_out;
-      cycles += row.cycles;
-      missed += row.missed;
+      counted.add(entry);
     }
     answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
     if (late_listened > 0)
@@ -311,12 +343,9 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
                                      many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
     if (!held) answer.sentence += " But no run was measured as requested.";
     if (left_out > 0)
-      answer.sentence +=
-          fmt::format(" {} of {} {} not measured as requested{}.", left_out,
-                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",
-                      missed == 0 ? ""
-                                  : fmt::format(": {} of {} {} cycles had no answer in time", grouped(missed),
-                                                left_out == 1 ? "its" : "their", grouped(cycles)));
+      answer.sentence += fmt::format(" {} of {} {} not measured as requested{}.", left_out,
+                                     many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",
+                                     missed_words(counted, left_out == 1 ? "its" : "their"));
     if (contrast != nullptr && worst->high > 0) {
       const auto *from = worst_of(*worst)->runs.front(), *to = contrast->entries.front()->runs.front();
       if (can_compare(summaries, *from, *to)) {

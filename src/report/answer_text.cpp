@@ -52,9 +52,9 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   std::vector<std::size_t> places(rows.size());
   std::iota(places.begin(), places.end(), 0);
   const auto rank = [](const Row& row) {
-    if (row.state >= State::cut_off) return 3;
-    if (row.missed > 0 || row.missed_requirement) return 2;
-    return row.state == State::not_applied ? 1 : 0;
+    if (row.state == State::failed) return 4;
+    if (row.missed > 0 || row.missed_requirement) return 3;  // a run that was cut off need not have any
+    return row.state == State::cut_off ? 2 : row.state == State::not_applied ? 1 : 0;
   };
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
