@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <numeric>
+#include <random>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -509,6 +510,63 @@ TEST_F(Bags, ClockThatWentBackALittleIsSeenInMessagesThatComeInPairs) {
   EXPECT_EQ(findings.flows.at(0).late, 1U);
   EXPECT_NEAR(static_cast<double>(findings.flows.at(0).period.max_ns()), 109.9e6, 1);
   EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+}
+
+// A topic of 100 Hz with a jitter of up to 1 ms, which the seed decides.
+std::vector<std::int64_t> jittery(unsigned seed) {
+  std::minstd_rand random(seed + 1);
+  std::vector<std::int64_t> times_ns;
+  for (int i = 0; i < 500; ++i)
+    times_ns.push_back(start + i * 10 * ms + static_cast<std::int64_t>(random() % 2'000'001) - ms);
+  return times_ns;
+}
+
+std::string of_times(const std::vector<std::int64_t>& times_ns) {
+  std::string records = channel(1, 0, "/a");
+  for (const auto at_ns : times_ns) records += message(1, {at_ns});
+  return mcap(records);
+}
+
+constexpr listen::Limits gap_of_15_ms{.deadline = 15ms, .period = {}, .age = {}};
+
+// Each lies between earlier ones, as after a clock that was set back; but there one is missing.
+TEST_F(Bags, LateMessagesApartFromOneAnotherAreNoClockThatWasSet) {
+  for (unsigned seed = 0; seed < 20; ++seed)
+    for (const auto messages : {2U, 3U, 5U, 12U, 24U}) {
+      auto times_ns = jittery(seed);
+      const auto every = 2 + seed % 2;  // of these is late
+      std::vector<std::int64_t> late, others;
+      for (std::size_t i = 200; i < 280; ++i)
+        (i % every == 0 && late.size() < messages ? late : others).push_back(times_ns[i]);
+      for (auto i = times_ns.begin() + 280; i != times_ns.end(); ++i) *i += 190 * ms;  // a true gap
+      auto next = std::ranges::copy(others, times_ns.begin() + 200).out;
+      std::ranges::copy(late, next);
+      const auto findings = judged_mcap(of_times(times_ns), gap_of_15_ms);
+      const auto& flow = findings.flows.at(0);
+      EXPECT_EQ(flow.late, 1U) << seed << ' ' << messages;
+      EXPECT_EQ(flow.period.count(), 499U) << seed << ' ' << messages;
+      EXPECT_NEAR(static_cast<double>(flow.period.max_ns()), 200e6, 2e6) << seed << ' ' << messages;
+      EXPECT_EQ(flow.reordered, messages) << seed;
+      EXPECT_THAT(findings.remarks, IsEmpty()) << seed << ' ' << messages;
+    }
+}
+
+// One in twenty is lost; the clock goes back by 300 ms, and a gap of 200 ms follows after some messages.
+TEST_F(Bags, ClockThatWentBackALittleIsSeenInJitterAndLoss) {
+  for (unsigned seed = 0; seed < 100; ++seed)
+    for (const int after : {2, 5, 20, 100}) {
+      auto times_ns = jittery(seed);
+      for (std::size_t i = 250; i < 500; ++i) times_ns[i] -= 300 * ms;
+      for (auto i = static_cast<std::size_t>(250 + after); i < 500; ++i) times_ns[i] += 190 * ms;
+      std::minstd_rand random(seed + 1000);
+      std::erase_if(times_ns, [&](auto) { return random() % 20 == 0; });
+      const auto findings = judged_mcap(of_times(times_ns), {.deadline = 150ms, .period = {}, .age = {}});
+      EXPECT_EQ(findings.flows.at(0).late, 1U) << seed << ' ' << after;
+      EXPECT_EQ(findings.flows.at(0).reordered, 0U) << seed << ' ' << after;
+      EXPECT_EQ(findings.flows.at(0).period.count(), times_ns.size() - 2) << seed << ' ' << after;
+      EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")))
+          << seed << ' ' << after;
+    }
 }
 
 // Two writers, 100 us apart: neither is missing where the other one is.

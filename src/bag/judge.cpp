@@ -238,8 +238,19 @@ void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   judge_waiting(stream, one.at_ns - set_back_ns);
 }
 
+// Whether this message behind lies where one is missing, beside those behind before it.
+bool Judge::fills_a_gap(const Stream& stream, std::size_t place) {
+  const auto& waiting = stream.waiting;
+  const auto at_ns = stream.behind[place].at_ns;
+  if (at_ns < stream.judged_ns) return false;  // unknown
+  const auto next = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
+  auto before_ns = next != waiting.begin() ? std::prev(next)->at_ns : stream.judged_ns;
+  if (place > 0) before_ns = std::max(before_ns, std::optional(stream.behind[place - 1].at_ns));
+  return !before_ns || next->at_ns - *before_ns > stream.period.quantile_ns(0.9) * 3 / 2;
+}
+
 // A clock that was set back repeats times: messages lie among earlier ones. Late messages lie together, where
-// some are missing.
+// some are missing, or apart, each where one is missing.
 Judge::Behind Judge::why_behind(const Stream& stream) {
   const auto &behind = stream.behind, &waiting = stream.waiting;
   const auto judged_ns = stream.judged_ns;
@@ -256,11 +267,10 @@ Judge::Behind Judge::why_behind(const Stream& stream) {
     if ((judged_ns && from_ns <= *judged_ns) || (next != waiting.end() && next->at_ns < to_ns)) ++among;
   }
   if (4 * among < steps) return Behind::late;
-  if (const auto at_ns = behind.front().at_ns; behind.size() == 1 && !(at_ns < judged_ns)) {
-    const auto next = std::ranges::upper_bound(waiting, at_ns, {}, &Waiting::at_ns);
-    const auto before_ns = next != waiting.begin() ? std::prev(next)->at_ns : judged_ns;
-    if (!before_ns || next->at_ns - *before_ns > usual_ns) return Behind::late;
-  }
+  std::size_t filling = 0;
+  if (behind.size() == 1 || stream.period.count() >= enough_to_tell)
+    while (filling < behind.size() && fills_a_gap(stream, filling)) ++filling;
+  if (filling == behind.size()) return Behind::late;
   // A clock that was set back reaches the latest time step by step.
   const bool goes_on = latest_ns - behind.back().at_ns <= usual_ns;
   return goes_on || (steps > 0 && !are_few) ? Behind::clock : Behind::unknown;
