@@ -216,25 +216,26 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   return false;
 }
 
+void Judge::insert(std::deque<Waiting>& sorted, const Waiting& one) {
+  sorted.insert(std::ranges::upper_bound(sorted, one.at_ns, {}, &Waiting::at_ns), one);
+}
+
 // Judges periods in the order of the times of recording: messages wait to be sorted. Those behind the latest
 // wait apart, until one goes on from there.
 void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   const Waiting one{.message = message, .at_ns = at_ns(message), .was_old = was_old};
-  const auto insert_into = [&](std::deque<Waiting>& some) {
-    some.insert(std::ranges::upper_bound(some, one.at_ns, {}, &Waiting::at_ns), one);
-  };
   if (stream.messages > 0 && stream.times_set != times_set_) {
     judge_all(stream);
     stream.judged_ns.reset();
     was_set_.add(message.topic->name);
   }
   if (const auto latest_ns = stream.latest_ns(); latest_ns && one.at_ns < *latest_ns) {
-    insert_into(stream.behind);
+    insert(stream.behind, one);
     if (stream.behind.size() > most_waiting) judge_behind(stream);
     return;
   }
   judge_behind(stream);
-  insert_into(stream.waiting);
+  insert(stream.waiting, one);
   judge_waiting(stream, one.at_ns - set_back_ns);
 }
 
@@ -296,7 +297,7 @@ void Judge::judge_behind(Stream& stream) {
       was_set_.add(name);
       stream.late += one.was_old ? 1 : 0;
     } else {
-      waiting.insert(std::ranges::upper_bound(waiting, one.at_ns, {}, &Waiting::at_ns), one);
+      insert(waiting, one);
     }
   }
 }

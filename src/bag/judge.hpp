@@ -92,6 +92,7 @@ class Judge {
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   void judge_period(Stream&, const Message&, bool was_old);
+  static void insert(std::deque<Waiting>& sorted, const Waiting&);
   static bool fills_a_gap(const Stream&, std::size_t place);  // in behind
   static Behind why_behind(const Stream&);
   void judge_behind(Stream&);
