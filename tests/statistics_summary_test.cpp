@@ -342,6 +342,14 @@ TEST(Summary, WaitAcrossMissingSamplesIsKnownOnlyUntilThese) {
   EXPECT_EQ(at_end.open_wait_ns, 500 * ms + 51 * us);
 }
 
+TEST(Summary, NoBurstReachesAcrossMissingSamples) {
+  const auto summary =
+      summary_of({lost(0, 0, 0), lost(1, 10 * ms, 0), lost(9, 90 * ms, 0)}, asked_next_free, {{"sent", 20}});
+  EXPECT_EQ(summary.bursts.longest, 2U);
+  EXPECT_EQ(summary.bursts.longest_ns, 10 * ms);
+  EXPECT_EQ(summary.unanswered_at_end, 0U) << "samples are missing at the end, too";
+}
+
 TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   const nlohmann::json outcome = {
       {"trailing_cycles", 40}, {"trailing_due_ns", 20 * ms}, {"trailing_until_ns", 425 * ms}};

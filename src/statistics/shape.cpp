@@ -206,7 +206,7 @@ void Misses::message(const Sample& sample) {
   late_.add(sample.fate == Fate::late);
   lost_.add(sample.fate == Fate::lost);
   missed_.add(sample.fate != Fate::on_time);
-  if (sample.fate == Fate::on_time) return close();
+  if (sample.fate == Fate::on_time) return end_burst();
   if (in_a_row_++ == 0) from_ns_ = sample.due_ns;
   if (const auto ns = between(from_ns_, sample.due_ns);
       std::tie(bursts_.longest, bursts_.longest_ns) < std::tie(in_a_row_, ns)) {
@@ -215,13 +215,13 @@ void Misses::message(const Sample& sample) {
   }
 }
 
-void Misses::close() {
+void Misses::end_burst() {
   if (in_a_row_ > 1) ++bursts_.count;
   in_a_row_ = 0;
 }
 
 void Misses::into(Summary& summary, double effect) && {
-  close();
+  end_burst();
   const bool late = knows_late(summary.run), loss = knows_loss(summary.run);
   if (late) summary.late_probability = probability(late_.all(), effect);
   if (loss) summary.lost_probability = probability(lost_.all(), effect);

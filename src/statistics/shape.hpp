@@ -57,11 +57,11 @@ class WorstOnes {
 class Misses {
  public:
   void message(const roundtrip::Sample&);
+  void end_burst();
   // `effect`: of the slowest answers, for what hardly or never occurred.
   void into(Summary&, double effect) &&;
 
  private:
-  void close();
   Batches late_, lost_, missed_;
   Bursts bursts_;
   std::uint64_t in_a_row_ = 0;

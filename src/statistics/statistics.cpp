@@ -170,9 +170,11 @@ class Pass {
     longest = std::max(longest, wait.ns);
   }
 
-  // Samples are missing: an answer to one of these messages may have ended what waits. Skipped cycles are
-  // known to have waited until the last message before these was sent.
+  // Samples are missing: an answer to one of these messages may have ended what waits, and a burst. Skipped
+  // cycles are known to have waited until the last message before these was sent.
   void cut() {
+    misses_.end_burst();
+    summary_.unanswered_at_end = 0;
     if (const auto wait = lost_wait_.cut()) keep(*wait);
     leave_waiting(between(timeout_ns_.value_or(0), waited_until_ns_));
   }
