@@ -467,6 +467,26 @@ TEST(Answer, SentenceNamesTheStressThatOtherRunsLack) {
               AllOf(StartsWith("With link faults"), HasSubstr("without link faults")));
 }
 
+TEST(Answer, ContrastLacksWhatEachOtherRunHas) {
+  std::vector runs{run(1, "a", "udp", {}, 200), run(2, "b", "udp", {}), run(3, "c", "udp", {true}, 100)};
+  amend(runs[0].run.asked, "/link/loss", 0.2);
+  EXPECT_THAT(answer_of(runs, kept).sentence,
+              AllOf(StartsWith("With link faults"), HasSubstr("; without link faults or load 0 %")));
+}
+
+TEST(Answer, LoadOfAnotherComponentAtTheSameTimeIsLoad) {
+  std::vector runs{run(1, "a", "udp", {true}, 200), run(2, "a", "udp", {})};
+  for (auto& one : runs) amend(one.run.asked, "/component", one.run.number == 1 ? "base" : "arm");
+  runs[1].run.key = "another";
+  amend(runs[0].run.asked, "/others/arm/load", {{"component", {{"cpu", 0}}}});
+  amend(runs[1].run.asked, "/others/base/load", {{"component", {{"cpu", 4}}}});
+  const auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.sentence,
+              AllOf(StartsWith("Under load 10 %"), HasSubstr("; under load of another component 0 %")));
+  EXPECT_EQ(answer.rows[1].conditions, "load beside it");
+  EXPECT_THAT(answer.rows[1].name, StartsWith("udp component arm"));
+}
+
 TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {
   auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
   amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");

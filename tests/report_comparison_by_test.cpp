@@ -35,6 +35,9 @@ TEST(Compare, KeyPairsRunsThatAreOtherwiseEqual) {
 TEST(Compare, ValueOfAKeyHasTheWordsOfScenarioAndOfRecord) {
   for (const auto& [key, value, words] :
        {std::tuple("payload", "10000", "10000 B"),
+        {"security", unset, "off"},
+        {"kernel.gro", unset, "as-is"},
+        {"payload", unset, unset},
         {"payload", "10 kB", "10000 B"},
         {"payload", "1 KiB", "1 KiB"},
         {"payload", "1024", "1 KiB"},

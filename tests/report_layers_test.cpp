@@ -92,6 +92,7 @@ TEST(LayersPage, AsCsvHasNumbers) {
   EXPECT_EQ(row.at("round_trip_ns_added_median"), "10000.0");
   EXPECT_EQ(row.at("round_trip_ns_added_repetitions"), "9");
   EXPECT_EQ(row.at("instructions_total_median"), "");
+  EXPECT_EQ(row.at("baseline"), row.at("adds_to"));
 }
 
 }  // namespace

@@ -191,6 +191,10 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   text = render({summary(as_asked, facts)}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the machine's CPU time"));
   EXPECT_THAT(text, Not(HasSubstr("of the component's CPU time")));
+  one.lost_wait_ns = 510'000'000;
+  EXPECT_THAT(render({one}, Format::markdown), Not(HasSubstr("wake-up latency was")))
+      << "a lost message's cycle waited longer";
+  one.lost_wait_ns = 0;
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;
   text = render({one}, Format::markdown);
@@ -347,14 +351,15 @@ TEST(Remarks, TellOfLaunchTimesThatWereMissed) {
 }
 
 TEST(Remarks, TellOfOtherTrafficOnTheLink) {
-  const auto with = [](const char* interface, std::uint64_t bytes) {
+  auto requested = asked("a", "udp");
+  const auto with = [&](const char* interface, std::uint64_t bytes) {
     auto linked = outcome();
     for (auto& host : linked["hosts"]) {
       host["machine"]["boot_id"] = "b";
       host["link"] = {{"interface", interface}, {"sent_bytes", bytes}, {"received_bytes", bytes}};
     }
     linked["hosts"]["component"]["link"]["interface"] = "lo";
-    return render({summary(asked("a", "udp"), linked)}, Format::markdown);
+    return render({summary(requested, linked)}, Format::markdown);
   };
   EXPECT_THAT(with("lo", 1'300'000), Not(HasSubstr("other traffic")));
   const auto text = with("lo", 80'000'000);
@@ -362,6 +367,8 @@ TEST(Remarks, TellOfOtherTrafficOnTheLink) {
   EXPECT_THAT(text, Not(HasSubstr("of the component"))) << "it is the same";
   EXPECT_THAT(with("eth1", 80'000'000),
               AllOf(HasSubstr("eth1 of the controller"), HasSubstr("lo of the component")));
+  requested["others"]["base"]["traffic"] = {{"bit_s", 20'000'000}};
+  EXPECT_THAT(with("eth1", 80'000'000), Not(HasSubstr("other traffic"))) << "another component's";
 }
 
 TEST(Remarks, TellNotesWithTheirMoment) {

@@ -386,7 +386,7 @@ Judgement judge(const Gate& gate, const Summary& run) {
   const auto shift = statistics::shift_text(run);
   if (answer == Answer::cannot_tell) {
     const auto short_by = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found);
-    if (!short_by.empty()) return open(says + ": " + (shift.empty() ? short_by : shift));
+    if (!short_by.empty()) return open(says + ": " + short_by + (shift.empty() ? "" : "; " + shift));
   }
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
   if (!judged.is_sure && !shift.empty()) judged.says += "; " + shift;

@@ -419,6 +419,11 @@ struct Asked : conditions::Run {
   bool is_listened() const { return !imported && !measures.empty(); }
   // "worst": of a robot's own messages those around the worst have samples; the outcome counts all.
   std::string kept;
+  // What other components requested that this one did not, while it was measured.
+  struct Beside {
+    std::size_t components = 0;
+    bool load = false, traffic = false, topics = false;
+  } beside_it;
   bool keeps_worst() const { return is_listened() && kept == "worst"; }
 
   static void fields(auto& of, auto&& field) {

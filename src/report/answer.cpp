@@ -55,17 +55,18 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
   return classes;
 }
 
-// `lacking`: what the other runs have, if this is none.
-std::string stress_words(const std::string& stress, const std::string& lacking = "load") {
-  return stress.empty()               ? "without " + lacking
-         : stress.starts_with("link") ? "with " + stress
-                                      : "under " + stress;
+// `lacking`: what other runs have, if this is none.
+std::string stress_words(const std::string& stress, const std::string& lacking) {
+  const auto words = stress.empty()               ? "without " + lacking
+                     : stress.starts_with("link") ? "with " + stress
+                                                  : "under " + stress;
+  return replace_all(words, beside_it, " of another component");
 }
 std::string tuned_words(const std::string& tuned) {
   if (tuned.empty()) return "without real-time settings";
   return "with " + replace_all(tuned, "RT", "real-time settings");
 }
-std::string all_words(const Regime& regime, const std::string& lacking = "load") {
+std::string all_words(const Regime& regime, const std::string& lacking) {
   const auto stress = stress_words(regime.stress, lacking);
   return regime.tuned.empty() ? stress : stress + " " + tuned_words(regime.tuned);
 }
@@ -180,12 +181,20 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->regime.stress == contrast->regime.stress;
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
-  const auto lacking = split(worst->regime.stress, ',').front();  // load, or only link faults
+  std::vector<std::string> stress;
+  for (const auto& one : classes)
+    for (const auto& word : split(replace_all(one.regime.stress, ", ", ","), ','))
+      if (!word.empty()) add_once(stress, word);
+  auto lacking = stress.empty() ? "load" : stress.back();
+  if (stress.size() > 1) {
+    stress.pop_back();
+    lacking = join(stress, ", ") + " or " + lacking;
+  }
   const auto other = same_stress  ? tuned_words(contrast->regime.tuned)
                      : same_tuned ? stress_words(contrast->regime.stress, lacking)
                                   : all_words(contrast->regime, lacking);
   auto first = same_stress && worst->regime.stress.empty() ? tuned_words(worst->regime.tuned)
-                                                           : all_words(worst->regime);
+                                                           : all_words(worst->regime, lacking);
   first.front() = static_cast<char>(std::toupper(first.front()));
   return fmt::format("{} {} of the cycles had no answer {}; {} {}.", first, worst->range(), within, other,
                      contrast->range());

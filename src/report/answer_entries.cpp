@@ -77,10 +77,14 @@ Row row_of(const Group& runs, const std::string& name) {
 Regime regime_of(const Summary& run) {
   const auto& asked = run.run.asked;
   std::vector<std::string> stress, tuned;
-  if (asked.controller_load.any() || asked.component_load.any()) stress.emplace_back("load");
-  if (asked.traffic.any()) stress.emplace_back("traffic");
-  if (asked.task.background.topics > 0) stress.emplace_back("background topics");
-  if (asked.faults.any()) stress.emplace_back("link faults");
+  const auto add = [&](const char* what, bool own, bool beside) {
+    if (own || beside) stress.push_back(own ? what : std::string(what) + beside_it);
+  };
+  const auto& beside = asked.beside_it;
+  add("load", asked.controller_load.any() || asked.component_load.any(), beside.load);
+  add("traffic", asked.traffic.any(), beside.traffic);
+  add("background topics", asked.task.background.topics > 0, beside.topics);
+  add("link faults", asked.faults.any(), false);
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
   if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
@@ -118,7 +122,8 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);
     places.erase(std::unique(places.begin(), places.end()), places.end());
-    cautions.push_back(places.size() == names.size() ? text : name_of_some(names, places) + ": " + text);
+    cautions.push_back(places.size() == names.size() ? text
+                                                     : name_of_some(names, places, "rows") + ": " + text);
   };
   using enum Remark::Requirement;
   const auto add = [&](Remark::Requirement requirement, Remark::Weight weight = Remark::Weight::caution) {

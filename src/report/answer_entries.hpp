@@ -10,7 +10,9 @@
 
 namespace ontime::report {
 
-// Stress on the machines and the link, and the settings against it, one word each.
+// Of stress that another component has at the same time: "load beside it".
+inline constexpr const char* beside_it = " beside it";
+// Stress on the machines and the link, and the settings against it, a few words each.
 struct Regime {
   std::string stress, tuned;
   bool is_listened = false;  // to a robot's own messages

@@ -30,15 +30,18 @@ struct Missed {
   Times times;
   Figure figure;
   const char *heading, *words;
+  bool is_of_own = false;  // of a robot's own messages, which are no cycles
 };
 constexpr std::array ways_to_miss = {
+    Missed{Times::response, Figure::late, "late or\nlost", "late or lost messages", true},
     Missed{Times::response, Figure::late, "not in time", "cycles without an answer in time"},
     Missed{Times::round_trip, Figure::late, "late", "late messages"},
     Missed{Times::round_trip, Figure::lost, "lost", "lost messages"}};
 
 const Missed* missed_of(const Pair& pair) {
+  const bool is_own = pair.from.front()->run.asked.is_listened();
   for (const auto& way : ways_to_miss)
-    if (change_of(pair, way.times, way.figure)) return &way;
+    if ((is_own || !way.is_of_own) && change_of(pair, way.times, way.figure)) return &way;
   return nullptr;
 }
 
@@ -225,7 +228,10 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
         const auto missed = statistics::fates_of(*run).not_in_time;
         cautions.push_back(caution_of(
             "left out: " + names.back(),
-            gate::unfit(*run) + (missed > 0 ? fmt::format("; {} cycles not in time", grouped(missed)) : ""),
+            gate::unfit(*run) + (missed > 0
+                                     ? fmt::format("; {} {} not in time", grouped(missed),
+                                                   run->run.asked.is_listened() ? "messages" : "cycles")
+                                     : ""),
             room));
       }
   const auto remarks = shared_remarks(runs);

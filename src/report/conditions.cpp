@@ -234,6 +234,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   if (asked.is_listened()) done.insert("schedule");
   if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
   if (asked.task.config.domain != 0) done.erase("domain");
+  add("component", "component", "component " + word(asked.component));
   const bool any_refused = std::ranges::any_of(
       summary.run.outcome.hosts, [](const auto& host) { return !host.second.refusals.empty(); });
   add("realtime", "realtime",
@@ -246,7 +247,6 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add_options(phrases, summary);
   say({"domain", "security"});
   add_topics(phrases, asked);
-  add("component", "component", "component " + word(asked.component));
   add("beside", "beside", "beside " + word(asked.beside));
   if (const auto names = interfaces(asked); !names.empty()) phrases.push_back({"interface", names});
   say({"duration"});

@@ -209,6 +209,8 @@ std::string layers_csv_of(const Summaries& summaries) {
   for (const auto& cost : costs)
     for (const auto* part : {"total", "added"})
       for (const auto& value : values) header.push_back(fmt::format("{}_{}_{}", cost, part, value));
+  const std::vector<std::string> further = {"baseline", "component_transport"};
+  header.insert(header.end(), further.begin(), further.end());
   std::vector<std::vector<std::string>> rows;
   for (const auto& layer : layers_json_of(summaries)) {
     if (!layer.contains("key")) continue;
@@ -217,6 +219,7 @@ std::string layers_csv_of(const Summaries& summaries) {
     for (const auto& cost : costs)
       for (const auto* part : {"total", "added"})
         for (const auto& value : values) row.push_back(cell_at(layer, {cost, part, value}));
+    for (const auto& key : further) row.push_back(cell_at(layer, {key}));
   }
   return as_csv(header, rows);
 }

@@ -208,6 +208,10 @@ std::string words_of_value(const std::string& stated, const std::string& value) 
       return value;
     }
   const auto* const field = conditions::key_named(key);
+  // A record leaves these out where they are as by default.
+  if (value == unset && field != nullptr && !field->by_default.empty() &&
+      (field->json.empty() || field->to_json({}).is_null()))
+    return field->by_default;
   if (field == nullptr || field->json.empty()) return value;
   if (!recorded.is_number() && !recorded.is_boolean()) try {
       conditions::Run run;

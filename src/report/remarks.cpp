@@ -59,8 +59,10 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   }
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
   const auto& [took_ns, before, message, after] = summary.shape.worst.front();
+  // A wait after a lost message, or of a skipped cycle, may be longer.
+  const auto longest_ns = std::max({took_ns, summary.response.max, summary.lost_wait_ns});
   const auto share =
-      static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(took_ns);
+      static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(longest_ns);
   if (share >= 0.5)
     remarks.push_back({Weight::detail, "sender wake-up latency was {} of the longest answered wait",
                        std::min(share, 1.0), whole_percent_text});
@@ -302,13 +304,14 @@ std::string remarks(const statistics::Summary& summary) {
   return join(texts, "; ");
 }
 
-std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places,
+                         const char* what) {
   constexpr std::size_t most = 3;
-  if (places.size() == names.size() && names.size() > 1) return "all runs";
+  if (places.size() == names.size() && names.size() > 1) return std::string("all ") + what;
   std::vector<std::string> some;
   for (std::size_t i = 0; i < std::min(most, places.size()); ++i) some.push_back(names.at(places[i]));
   if (places.size() <= most) return join(some, ", ");
-  return fmt::format("{} of {} runs ({}, …)", places.size(), names.size(), join(some, ", "));
+  return fmt::format("{} of {} {} ({}, …)", places.size(), names.size(), what, join(some, ", "));
 }
 
 std::vector<SharedRemark> shared_remarks(const Group& runs) {

@@ -83,7 +83,8 @@ struct SharedRemark {
   Remark::Requirement requirement;
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
-std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places,
+                         const char* what = "runs");
 std::vector<SharedRemark> shared_remarks(const Group&);
 // One line for all remarks of the same runs, after the names of these runs.
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group&);
