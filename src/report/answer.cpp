@@ -183,7 +183,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
   std::vector<std::string> stress;
   for (const auto& one : classes)
-    for (const auto& word : split(replace_all(one.regime.stress, ", ", ","), ','))
+    for (const auto& word : split(replace_all(replace_all(one.regime.stress, beside_it, ""), ", ", ","), ','))
       if (!word.empty()) add_once(stress, word);
   auto lacking = stress.empty() ? "load" : stress.back();
   if (stress.size() > 1) {
