@@ -113,6 +113,19 @@ TEST(Compare, KeyIgnoresSettingsThatFollowFromIt) {
   }
 }
 
+TEST(Compare, TransportOfAComponentIsComparedWithOneThatHasNoTopics) {
+  std::vector runs{run("a", "udp", 1), run("a", "cyclonedds", 1)};
+  for (auto& one : runs) {
+    const bool has_topics = one.run.key == "cyclonedds";
+    amend(one.run.asked, {{"transport", one.run.key},
+                          {"component", "arm"},
+                          {"ping_topic", has_topics ? "/robot/arm/ping" : "/robot/ping"},
+                          {"others", {{"base", {{"component", "base"}}}}}});
+    if (has_topics) amend(one.run.asked, "/others/base/ping_topic", "/robot/base/ping");
+  }
+  EXPECT_EQ(compare_by(runs, "transport", "udp", "cyclonedds").pairs.size(), 1U);
+}
+
 TEST(Compare, KeyLeavesOutRunsThatDifferInMore) {
   const auto runs = recorded({{}, said({{"realtime", "on"}}), said({{"realtime.priority", "90"}})});
   const auto comparison = compare_by(runs, "realtime", "false", "true");

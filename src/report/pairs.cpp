@@ -68,6 +68,20 @@ void drop_repeated(json& asked) {
   for (const auto& [name, again] : repeated) asked.erase(again);
 }
 
+// Where there are several components, topics have the component's name if their transport has topics.
+void drop_names_in_topics(json& asked) {
+  const auto component = record::at(asked, "component");
+  if (!component.is_string()) return;
+  const auto own = "/" + component.get<std::string>() + "/";
+  for (const auto* name : {"ping_topic", "pong_topic"}) {
+    if (const auto topic = record::at(asked, name); topic.is_string())
+      asked[name] = replace_all(topic.get<std::string>(), own, "/");
+    if (auto others = asked.find("others"); others != asked.end() && others->is_object())
+      for (auto& other : *others)
+        if (other.is_object()) other.erase(name);
+  }
+}
+
 // Its value of `key`, and all else that was asked for.
 std::pair<std::string, std::string> split_by(const std::string& stated, const statistics::Summary& summary) {
   const auto key = conditions::current_key(stated);
@@ -79,6 +93,7 @@ std::pair<std::string, std::string> split_by(const std::string& stated, const st
     if (asked.contains(place)) add_once(values, word(asked[place]));
   const auto value = values.empty() ? unset : join(values, ", ");
   drop_repeated(asked);
+  if (key == "transport") drop_names_in_topics(asked);
   drop_what_follows(asked, key, value, places);
   for (const auto& place : places)
     if (asked.contains(place)) asked[place] = nullptr;
