@@ -171,6 +171,13 @@ class Search {
                                             : "SCHED_OTHER";
   }
 
+  // The comma that closes the victim's policy has nothing to close at the end of a sentence.
+  static std::string said_of(const Part& part, const std::string& victim) {
+    auto sentence = explain::sentence_of(part, victim);
+    if (sentence.ends_with(',')) sentence.pop_back();
+    return sentence;
+  }
+
   // `alike`: the culprit without details, if it is no thread.
   Why seen(Part part, const std::string& alike = "") const {
     Why why{.is_seen = true,
@@ -190,8 +197,8 @@ class Search {
       without_details.culprit =
           words_of(why.culprit, without_details.culprit, thread, why.culprit == why.victim);
     }
-    why.sentence = explain::sentence_of(part, victim);
-    why.alike = explain::sentence_of(without_details, victim);
+    why.sentence = said_of(part, victim);
+    why.alike = said_of(without_details, victim);
     if (!part.when.empty() && part.when.front().cpu >= 0 && part.cause != Cause::busy)
       why.cpu = part.when.front().cpu;
     why.fix = fix_of(part, why.victim);
