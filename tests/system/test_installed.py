@@ -96,6 +96,7 @@ class Installed(unittest.TestCase):
         for page in pages:
             names = re.findall(r"^\.SH NAME\n(.*) \\- (.*)$", page.read_text(), re.MULTILINE)
             self.assertEqual([name.replace("\\-", "-") for name, _ in names], [page.stem])
+            self.assertNotRegex(page.read_text(), r"\?\?", "what help2man writes for … in another character set")
             summaries.add(names[0][1])
         commands = re.findall(r"^  ([a-z]+)  ", self.ontime("--help").stdout, re.MULTILINE)
         self.assertIn("run", commands)
