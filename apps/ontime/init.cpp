@@ -121,11 +121,12 @@ runs:
                      line_of("controller", controller), line_of("component", component));
 }
 
-// "me@robot.local" → "robot".
+// "me@robot.local" → "robot"; "me@10.0.0.2" → "10.0.0.2".
 std::string stem_of(const std::string& host) {
   auto name = host.substr(host.find('@') == host.npos ? 0 : host.find('@') + 1);
-  name = name.substr(0, name.find('.'));
-  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0 && c != '-' && c != '_'; });
+  if (name.find_first_not_of("0123456789.") != name.npos) name = name.substr(0, name.find('.'));
+  std::erase_if(name,
+                [](unsigned char c) { return std::isalnum(c) == 0 && c != '-' && c != '_' && c != '.'; });
   return name.empty() ? "scenario" : name;
 }
 

@@ -124,6 +124,8 @@ class Newcomer(unittest.TestCase):
         (self.folder / "robot.yaml").write_text("mine")
         self.assertIn("exists", self.ontime("init", "robot", code=2).stderr)
         self.assertEqual((self.folder / "robot.yaml").read_text(), "mine")
+        (self.folder / "10.9.0.2.yaml").write_text("mine")
+        self.assertIn("10.9.0.2.yaml exists", self.ontime("init", "root@10.9.0.2", code=2).stderr)
 
     def test_help_fits_and_groups_commands_by_purpose(self):
         text = self.ontime("--help", LANG="C").stdout
