@@ -420,14 +420,14 @@ void add_listen(Command& app) {
       "listen",
       "Judges the messages of a running robot, in its processes or on the wire, without changing it");
   auto arguments = std::make_shared<ListenArguments>();
-  command->add_option("TOPIC", arguments->topics, "judge these topics: all");
+  command->add_option("TOPIC", arguments->topics, "judge these topics (default: all)");
   add_value(*command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
             "follow messages through nodes from the first topic to the last, such as "
             "/scan,/map,/cmd_vel@50ms (late after 50 ms); latest:/map links /map to the latest message that "
             "its process took")
       ->allow_extra_args(false);
   add_limits(*command, *arguments, "a message is late when its age at the take exceeds this");
-  add_value(*command, "--for", arguments->time, "TIME", "end after this time: at Ctrl-C");
+  add_value(*command, "--for", arguments->time, "TIME", "end after this time (default: at Ctrl-C)");
   command->add_flag("--list", arguments->list, "list the topics with their writers and readers, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record kernel events, and do not explain late messages");
@@ -452,7 +452,8 @@ void add_listen(Command& app) {
   add_value(
       *command, "--keep", arguments->keep, "SIZE",
       "with --results, for weeks: limit the file to this size. It keeps counts, and the worst late "
-      "messages with the kernel events around them: 150MB if --for is a day or more, else every message");
+      "messages with the kernel events around them (default: 150MB if --for is a day or more, else every "
+      "message)");
   command->calls([arguments] { return listen_to(*arguments); });
 }
 

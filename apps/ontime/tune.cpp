@@ -258,7 +258,9 @@ void add_tune(Command& app) {
   auto* applied = add("apply", "Applies settings, until revert or a reboot", apply);
   add_value(*applied, "--set", arguments->sets, "NAME=VALUE",
             "apply this setting, such as ksoftirqd=60; repeatable");
-  applied->footer(settings);
+  applied->footer(
+      settings +
+      "\n\nExit codes: 0 OK · 2 invalid usage or input · 3 this machine cannot do it · 130 interrupted");
   auto* scenario =
       add_file(*applied, "--scenario", arguments->scenario, "apply kernel.* of a run of this scenario");
   add_value(*applied, "--only,--run", arguments->run, "ID", "id of that run")->needs("--scenario");
@@ -268,8 +270,11 @@ void add_tune(Command& app) {
   add_value(*applied, "--print", arguments->boot, "FORM",
             "print what applies it at every boot: systemd, tmpfiles or shell; change nothing")
       ->excludes("--dry-run");
-  add_format(*add("verify", "Checks whether applied values still hold; exits with 1 if not", verify),
-             arguments->format);
+  auto* verified = add("verify", "Checks whether applied values still hold", verify);
+  verified->footer(
+      "Exit codes: 0 all hold · 1 one has changed, or nothing was applied · 2 invalid usage or input · "
+      "3 this machine cannot do it");
+  add_format(*verified, arguments->format);
   add("revert", "Restores what apply changed, and what a killed ontime left changed",
       [](const TuneArguments&) { return revert(); });
   add_tune_search(*command);

@@ -403,7 +403,7 @@ void add_tune_search(Command& tune) {
       ->required();
   add_value(*command, "--goal", arguments->goal, "GOAL", "such as 'p99.9 < 1 ms and response late = 0'")
       ->required();
-  add_value(*command, "--within", arguments->within, "TIME", "stop after this time: 2 h");
+  add_value(*command, "--within", arguments->within, "TIME", "stop after this time (default: 2 h)");
   add_list(*command, "--never", arguments->never, "KEY,...",
            "never set these (list below), such as irq-threads");
   command
@@ -413,8 +413,9 @@ void add_tune_search(Command& tune) {
       ->range(2, 99);
   add_value(*command, "--keep-cpus-off", arguments->keep_cpus_off, "LIST",
             "move no threads or interrupts to these CPUs");
-  add_value(*command, "--on", arguments->on, "here|lab",
-            "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here");
+  add_value(
+      *command, "--on", arguments->on, "here|lab",
+      "measure on this machine and the scenario's hosts, or in the lab's simulated machine (default: here)");
   add_choice(*command, arguments->choice);
   add_cable(*command, arguments->choice);
   add_results(*command, arguments->results,
