@@ -94,7 +94,7 @@ class Docs(unittest.TestCase):
                      list(results_file.samples(1 + i, 3000, seed=10 * number + i)))
                     for i, (id, payload, repetition) in enumerate(
                         [("idle", 500, 1), ("loaded", 500, 1), ("idle", 500, 2), ("loaded", 500, 2)])]
-            if name == "layers.ontime":
+            if name in ("layers.ontime", "test3.ontime"):
                 runs = [(results_file.asked(3000, payload_bytes=500 * (i + 1)), outcome(), rows)
                         for i, (_, _, rows) in enumerate(runs)]
             if name == "demo.ontime":
@@ -120,7 +120,7 @@ class Docs(unittest.TestCase):
         self.assertIn("1 run", self.shell("ontime scenarios scenario.yaml", (0,)).stdout)
 
     def test_results_to_look_at(self):
-        self.files_of("demo.ontime", "layers.ontime")
+        self.files_of("demo.ontime", "layers.ontime", "test3.ontime")
         # Those of mixed.ontime are in test_background.py.
         lines = [line for line in commands("docs/how-to/draw-figures.md") + commands("docs/reference/report.md")
                  if "mixed.ontime" not in line]
