@@ -31,6 +31,18 @@ TEST_F(ScenarioFile, MistypedKeysAreAnsweredWithTheNearestOne) {
   EXPECT_THAT(error("hosts: {componnet: {address: 1.2.3.4}}" + runs), HasSubstr("did you mean 'component'?"));
 }
 
+TEST_F(ScenarioFile, MistypedKeyWithoutKeysBelowItIsRefusedAtItsPlace) {
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, loda: {}}]\n"),
+              HasSubstr(":1:32: unknown key 'loda' (did you mean 'load'?)"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, load: {contrller: {}}}]\n"),
+              HasSubstr(":1:39: unknown key 'load.contrller' (did you mean 'controller'?)"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, period: {}}]\n"),
+              HasSubstr(":1:40: period: a value is needed here"));
+  EXPECT_EQ(error("components: [arm]\nruns: [{id: a, transport: udp, load: {component: {}}, options: {}, "
+                  "component: {options: {}}, arm: {}}]\n"),
+            "no error");
+}
+
 TEST_F(ScenarioFile, MistakesOfYamlAreNamedInPlainWords) {
   for (const auto* text : {"title: a: b\n", "runs:\n- {id: a: b}\n", "runs:\n- [a: b: c]\n"})
     EXPECT_THAT(error(text), HasSubstr("a text with ': ' needs quotes")) << text;

@@ -338,6 +338,20 @@ TEST_F(ScenarioFile, ABaselineOfItselfOrInACircleIsRefusedAtItsPlace) {
   EXPECT_THAT(error(circle, selection), HasSubstr("b → c → b"));
 }
 
+TEST_F(ScenarioFile, ABaselineThatIsNoRunIsRefusedAtItsPlace) {
+  const auto two = [](const std::string& baseline) {
+    return "runs: [{id: plain, transport: udp}, {id: a, transport: udp, baseline: " + baseline + "}]\n";
+  };
+  EXPECT_THAT(error(two("plian")),
+              HasSubstr(":1:71: baseline: no run has the id 'plian' (did you mean 'plain'?)"));
+  EXPECT_THAT(error(two("zzz")), HasSubstr("the id 'zzz'; there are: a, plain"));
+  EXPECT_THAT(error(two("[plain, zzz]")), HasSubstr(":1:79: baseline: no run has the id 'zzz'"));
+  Selection selection;
+  selection.only = {"plain"};
+  EXPECT_THAT(error(two("zzz"), selection), HasSubstr("'zzz'"));
+  EXPECT_EQ(error(two("[plain]")), "no error");
+}
+
 TEST_F(ScenarioFile, DuplicateValuesAreRefused) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: [1 B, 2 B, 1 B]}]\n"),
               HasSubstr(":1:52: payload: '1 B' occurs twice"));

@@ -85,6 +85,15 @@ Entries RunKeys::flat(const YAML::Node& run) const {
   return entries;
 }
 
+// No key below it would show that it is mistyped.
+void RunKeys::check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const {
+  const auto key = divided(path).key;
+  if (key.empty() || key == "options" || key == "component.options" || !key_below(key).empty()) return;
+  if (is_key(key) || is_option(key) || key == "id" || key == "require")
+    fail_at(file_, map.Mark(), path + ": a value is needed here");
+  fail_at(file_, name.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(key)));
+}
+
 void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
   if (!node.IsMap())
     fail_at(file_, node.Mark(),
@@ -96,6 +105,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     if (path != stated)
       note_renamed(notices_, file_, entry.first.Mark(), divided(stated).key, divided(path).key);
     if (entry.second.IsMap()) {
+      if (entry.second.size() == 0) check_empty(entry.first, entry.second, path);
       flatten(entry.second, path + ".", entries);
       continue;
     }

@@ -37,6 +37,7 @@ class RunKeys {
 
  private:
   void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
+  void check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const;
 
   const std::string& file_;
   const Hosts& hosts_;

@@ -52,6 +52,13 @@ std::string why_not_over(const conditions::Wire& wire, const Run& run) {
   return "";
 }
 
+std::string some_of(const std::set<std::string>& ids) {
+  constexpr std::size_t enough = 20;
+  const auto shown = std::min(ids.size(), enough);
+  const auto end = std::next(ids.begin(), static_cast<std::ptrdiff_t>(shown));
+  return fmt::format("{}{}", fmt::join(ids.begin(), end, ", "), shown < ids.size() ? " …" : "");
+}
+
 class File {
  public:
   File(const std::string& path, const std::string& text, const Selection& selection) : selection_(selection) {
@@ -148,7 +155,7 @@ class File {
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
     own.erase("id");
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    if (const auto below = own.find("baseline"); below != own.end() && below->second.IsScalar())
+    if (const auto below = own.find("baseline"); below != own.end())
       baselines_.insert_or_assign(id, below->second);
     const auto& only = selection_.only;
     if (!only.empty() && std::ranges::find(only, id) == only.end()) return;
@@ -157,9 +164,19 @@ class File {
       scenario_.runs.push_back(std::move(run));
   }
 
+  void check_baseline(const YAML::Node& node) const {
+    if (const auto id = scalar(node, "baseline"); !ids_.contains(id))
+      fail(node, fmt::format("baseline: no run has the id '{}'{}; there are: {}", id,
+                             spelling::suggestion(id, {ids_.begin(), ids_.end()}), some_of(ids_)));
+  }
+
   // `report --layers` subtracts a run's baseline, and that one's in turn: a circle has no lowest layer.
   void check_baselines() const {
     for (const auto& [id, node] : baselines_) {
+      if (!node.IsSequence())
+        check_baseline(node);
+      else
+        for (const auto& one : node) check_baseline(one);
       auto circle = id;
       std::set<std::string> seen;
       for (auto below = baselines_.find(id); below != baselines_.end() && seen.insert(below->first).second;) {
@@ -214,13 +231,6 @@ class File {
   std::set<std::string> ids_;
   std::map<std::string, YAML::Node> baselines_;  // of runs that have one, by id, selected or not
 };
-
-std::string some_of(const std::set<std::string>& ids) {
-  constexpr std::size_t enough = 20;
-  const auto shown = std::min(ids.size(), enough);
-  const auto end = std::next(ids.begin(), static_cast<std::ptrdiff_t>(shown));
-  return fmt::format("{}{}", fmt::join(ids.begin(), end, ", "), shown < ids.size() ? " …" : "");
-}
 
 // `which_have`: "demo.yaml has".
 void check_only(const Selection& selection, const std::set<std::string>& ids, const std::string& which_have) {
