@@ -95,7 +95,7 @@ TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   EXPECT_THAT(error(""), HasSubstr("not a scenario"));
   EXPECT_THAT(error("wat: 1\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:1: unknown key 'wat'"));
   EXPECT_THAT(error("runs: [{transport: udp}]\n"), HasSubstr("a run needs an id"));
-  EXPECT_THAT(error("runs: [{id: a}]\n"), HasSubstr("no transport"));
+  EXPECT_THAT(error("runs: [{id: a}]\n"), HasSubstr("no transport is set. Fix: transport: udp"));
   EXPECT_THAT(error("repeat: 0\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:9: repeat"));
   EXPECT_THAT(error("order: random\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:8: order"));
   EXPECT_THAT(error("hosts: mars\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:8: hosts"));

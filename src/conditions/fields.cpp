@@ -127,7 +127,8 @@ Fields fields_of_run() {
              both, "explain {}"},
             "explain", or_null(on_or_off()), &Run::explain),
       field({"transport", "--transport", "NAME",
-             "transport of the messages (ethernet, xdp, udp, cyclonedds, fastdds, or another installed one)",
+             "transport of the messages (ethernet, xdp, udp, cyclonedds, fastdds, or another installed one); "
+             "required",
              both},
             "transport", text(), within(&Run::task, &Task::transport)),
       written(field({"component.transport", "", "NAME", "transport of the server, if different", client, "",

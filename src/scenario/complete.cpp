@@ -202,7 +202,7 @@ void complete(Run& run) {
   auto& client = run.task.client;
   if (const auto& own = run.listening; !own.any() && (own.deadline || own.period || own.age))
     throw std::invalid_argument("listen.deadline, listen.period and listen.age need listen.topics");
-  if (run.task.transport.empty()) throw std::invalid_argument("no transport is set");
+  if (run.task.transport.empty()) throw std::invalid_argument("no transport is set. Fix: transport: udp");
   if (run.component_transport.empty() && !run.component_options.empty())
     throw std::invalid_argument("component.options needs component.transport");
   if (run.explain && run.component_restart)
