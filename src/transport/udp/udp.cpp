@@ -201,7 +201,8 @@ class Udp final : public Endpoint {
     const auto local = ipv4(config_.address.empty() ? "0.0.0.0" : config_.address, port);
     if (bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
       throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy (another pong?). Fix: --domain N or "
-                                                    "--option port=N",
+                                                    "--option port=N; in a scenario domain: N or "
+                                                    "options.port: N",
                                                     port)
                                       : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
   }
