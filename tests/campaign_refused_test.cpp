@@ -57,6 +57,13 @@ TEST_F(ScenarioFile, MistakesOfYamlAreNamedInPlainWords) {
   EXPECT_THAT(error("<<: {title: a}\nruns: [{id: a, transport: udp}]\n"), merged);
 }
 
+TEST_F(ScenarioFile, IdThatIsAWholeNumberIsRefusedBecauseRunsHaveNumbers) {
+  for (const auto* id : {"3", "'007'"})
+    EXPECT_THAT(error(fmt::format("runs: [{{id: {}, transport: udp}}]\n", id)),
+                AllOf(HasSubstr(":1:13: id: '"), HasSubstr("--only"), HasSubstr("such as run-")));
+  EXPECT_EQ(error("runs: [{id: 3a, transport: udp}, {id: 1.5, transport: udp}]\n"), "no error");
+}
+
 TEST_F(ScenarioFile, SwitchIsReadAsYamlSpellsIt) {
   for (const auto* on : {"on", "On", "ON", "yes", "Yes", "TRUE"})
     EXPECT_FALSE(

@@ -111,6 +111,11 @@ TEST(Record, InvalidValuesKeepTheirDefaults) {
   EXPECT_EQ(to_json(run_of_record("no object")), to_json(conditions::Run{}));
 }
 
+TEST(Record, IdThatScenariosCannotHaveIsRead) {
+  EXPECT_NE(flaw_of_id("3"), "");
+  EXPECT_EQ(run_of(json{{"id", "3"}}).id, "3") << "of an earlier version";
+}
+
 TEST(Fields, HaveOneNameEach) {
   std::set<std::string> paths, flags, names;
   const auto is_first = [](std::set<std::string>& known, const std::string& name) {
