@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "campaign/link.hpp"
 
+#include <chrono>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+
+#include "campaign/pair.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -51,6 +55,24 @@ TEST(Link, LinkWithoutMessagesIsNamedEvenWithoutPayload) {
   const auto without_payload = [](const json& of) { return went_elsewhere(of, 0).value_or("nothing"); };
   EXPECT_THAT(without_payload(outcome(host(0, 0))), HasSubstr("did not go over eth1"));
   EXPECT_EQ(without_payload(outcome(host(99 * 30, 99 * 30))), "nothing");
+}
+
+TEST(Link, NotesOfACutSayNothingOfATimeAfterTheRun) {
+  using namespace std::chrono_literals;
+  conditions::Run run;
+  run.task.client.duration = 2s;
+  const auto notes = [&](std::chrono::nanoseconds at, std::chrono::milliseconds length) {
+    run.cut = {at, length};
+    std::vector<std::pair<std::string, std::int64_t>> found;
+    for (const auto& note : notes_of_cut(run, 5'000'000)) found.emplace_back(note.text, *note.at_ns);
+    return found;
+  };
+  using testing::ElementsAre, testing::Pair;
+  EXPECT_THAT(notes(1ms, 500ms),
+              ElementsAre(Pair("link cut for 500 ms", 5'000'000), Pair("link restored", 505'000'000)));
+  const auto to_the_end = ElementsAre(Pair("link cut until the end of the run", 5'000'000));
+  EXPECT_THAT(notes(1ms, 10s), to_the_end);
+  EXPECT_THAT(notes(1500ms, 500ms), to_the_end);
 }
 
 TEST(Link, BackgroundTopicsCountTowardsTheLink) {

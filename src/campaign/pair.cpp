@@ -7,7 +7,6 @@
 
 #include "campaign/background_topics.hpp"
 #include "campaign/link.hpp"
-#include "record/record.hpp"
 #include "security/security.hpp"
 
 namespace ontime::campaign {
@@ -80,6 +79,14 @@ agent::Task server_task(const Run& run, const Host& host) {
   return task;
 }
 
+std::vector<record::Note> notes_of_cut(const Run& run, std::int64_t at_ns) {
+  const auto& [at, length] = *run.cut;
+  if (at + length >= run.task.client.duration)
+    return {{"link-cut", "link cut until the end of the run", at_ns, {}}};
+  return {{"link-cut", fmt::format("link cut for {} ms", length.count()), at_ns, {}},
+          {"link-back", "link restored", at_ns + std::chrono::nanoseconds(length).count(), {}}};
+}
+
 Pair::Pair(const Run& run, std::int64_t number, const Machines& machines, record::Writer& writer,
            Observer& observer, Told told, const security::Authority* authority)
     : run_(run),
@@ -128,9 +135,7 @@ void Pair::note_peers(const json& event) {
 }
 
 void Pair::note_cut(std::int64_t at_ns) {
-  const auto length = run_.cut->length;
-  writer_.note(number_, {"link-cut", fmt::format("link cut for {} ms", length.count()), at_ns, {}});
-  writer_.note(number_, {"link-back", "link restored", at_ns + std::chrono::nanoseconds(length).count(), {}});
+  for (const auto& note : notes_of_cut(run_, at_ns)) writer_.note(number_, note);
 }
 
 Pair::End Pair::open(const std::string& host, agent::Task task) {

@@ -6,6 +6,7 @@
 #include "agent/agent.hpp"
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+#include "record/record.hpp"
 
 namespace ontime::security {
 class Authority;
@@ -87,5 +88,7 @@ class Pair {
 
 // The server's part of a run.
 agent::Task server_task(const Run&, const Host&);
+// What the record says of the run's cut, which began at this time.
+std::vector<record::Note> notes_of_cut(const Run&, std::int64_t at_ns);
 
 }  // namespace ontime::campaign
