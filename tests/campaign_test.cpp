@@ -44,6 +44,33 @@ TEST(Pollers, UnthrottledPollersOnEveryCpuAreRefused) {
   EXPECT_EQ(why_refused({}, false, {{}, {}}), "") << "it does not say how many CPUs it has";
 }
 
+TEST_F(ScenarioFile, PlanCountsOnlyTheTimeOfWhatIsNotInTheResults) {
+  const auto scenario = read(
+      "hosts: loopback\n"
+      "repeat: 2\n"
+      "defaults: {transport: udp}\n"
+      "runs:\n"
+      "  - {id: a, duration: 10 s}\n"
+      "  - {id: b, duration: 20 s}\n"
+      "  - {id: c, search: period, period: [2 ms, 1 ms]}\n");
+  const auto all = plan_of(scenario);
+  EXPECT_EQ(all.runs, 8U);
+  EXPECT_EQ(all.known, 0U);
+  EXPECT_EQ(all.time, time_of(scenario));
+  const record::Outcome outcome;
+  const auto resumed = plan_of(scenario, [&](const json& asked, const auto& machines) {
+    EXPECT_TRUE(machines.empty());
+    EXPECT_EQ(asked.at("hosts"), "loopback");
+    EXPECT_EQ(asked.at("scenario"), scenario.text);
+    const bool is_there = asked.at("id") != "a" || asked.at("repetition") == 1;
+    return is_there ? &outcome : nullptr;
+  });
+  EXPECT_EQ(resumed.runs, 8U);
+  EXPECT_EQ(resumed.known, 3U) << "a once, b twice; a search chooses its steps";
+  const auto steps = time_of(scenario.runs[2]) + time_of(scenario.runs[3]);
+  EXPECT_NEAR(resumed.time.count(), (time_of(scenario.runs[0]) + 2 * steps).count(), 1e-6);
+}
+
 TEST_F(ScenarioFile, DefaultsHoldWhereARunSaysNothing) {
   const auto scenario = read(
       "title: T\n"

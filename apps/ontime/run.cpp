@@ -34,21 +34,23 @@ bool has_simulated_time() {
   return by.is_string() && by.get<std::string>().find(machine::live_time) == std::string::npos;
 }
 
-void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios) {
-  std::size_t runs = 0;
+void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios,
+            const campaign::Done& done) {
+  campaign::Plan all;
   bool searches = false;
-  std::chrono::duration<double> time{0};
   for (const auto& scenario : scenarios) {
     for (const auto& [key, notice] : scenario.notices) terminal.note(notice);
-    runs += scenario.size();
+    const auto plan = campaign::plan_of(scenario, done);
+    all.runs += plan.runs, all.known += plan.known, all.time += plan.time;
     searches =
         searches || std::ranges::any_of(scenario.runs, [](const auto& run) { return run.step.of > 0; });
-    time += campaign::time_of(scenario);
   }
   const std::string kind = has_simulated_time() ? simulated_time : "";
-  terminal.expect(runs, time, kind);
-  if (runs > 1)
-    terminal.note(fmt::format("{}{} runs, about {}{}", searches ? "at most " : "", runs, about(time), kind));
+  terminal.expect(all, kind);
+  if (all.runs < 2) return;
+  const auto known = all.known > 0 ? fmt::format(", {} already in results", all.known) : "";
+  const auto time = all.known < all.runs ? fmt::format(", about {}{}", about(all.time), kind) : "";
+  terminal.note(fmt::format("{}{} runs{}{}", searches ? "at most " : "", all.runs, known, time));
 }
 
 bool same(const nlohmann::json& one, const nlohmann::json& other, std::initializer_list<const char*> names) {
@@ -129,7 +131,7 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   const auto known = arguments.resume ? 0 : writer.reader().runs().size();
   const auto done = arguments.resume ? done_in(writer.reader()) : campaign::Done();
   Beside terminal(writer, arguments.send_to);
-  expect(terminal, scenarios);
+  expect(terminal, scenarios, done);
   int code = 0;
   std::string unfinished;
   for (const auto& scenario : scenarios) {

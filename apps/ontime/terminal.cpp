@@ -137,15 +137,17 @@ std::string Terminal::doing() const {
          (says_time ? fmt::format(" {} s", seconds) : "");
 }
 
-void Terminal::expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind) {
-  runs_ = runs;
-  planned_after_ = time;
+void Terminal::expect(const campaign::Plan& plan, const std::string& kind) {
+  runs_ = plan.runs;
+  to_measure_ = plan.runs - plan.known;
+  planned_after_ = plan.time;
   kind_of_time_ = kind;
 }
 
-void Terminal::next(const campaign::Run& run) {
+void Terminal::next(const campaign::Run& run, bool is_planned) {
   ++number_;
-  planned_ = campaign::time_of(run);
+  if (is_planned && to_measure_ > 0) --to_measure_;
+  planned_ = is_planned ? campaign::time_of(run) : Seconds(0);
   planned_after_ -= planned_;
   begun_ = Clock::now();
   const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
@@ -157,13 +159,15 @@ void Terminal::next(const campaign::Run& run) {
 // Of this run and all after it.
 Terminal::Seconds Terminal::left() const {
   const auto beyond = measured_ == 0 ? Seconds(0) : beyond_plan_ / measured_;
-  const auto of_run = std::max(Seconds(0), Seconds(planned_ + beyond - (Clock::now() - begun_)));
-  return of_run + planned_after_ + beyond * static_cast<double>(runs_ - std::min(number_, runs_));
+  const auto after = planned_after_ + beyond * static_cast<double>(to_measure_);
+  if (planned_ == Seconds(0)) return after;
+  return std::max(Seconds(0), Seconds(planned_ + beyond - (Clock::now() - begun_))) + after;
 }
 
 // Until the first run has ended, it is unknown what runs take beyond the plan.
 std::string Terminal::head() const {
   if (runs_ < 2 || name_.empty()) return name_;
+  if (planned_ == Seconds(0) && to_measure_ == 0) return fmt::format("[{}/{}] {}", number_, runs_, name_);
   return fmt::format("[{}/{}, {}{}{} left] {}", number_, runs_, measured_ == 0 ? "≥ " : "", about(left()),
                      kind_of_time_, name_);
 }
@@ -179,7 +183,7 @@ void Terminal::begins(const campaign::Run& run) {
 
 void Terminal::passes_over(const campaign::Run& run) {
   const std::lock_guard lock(line_mutex);
-  next(run);
+  next(run, run.step.of > 0);  // see campaign::Plan::known
   planned_ = {};
   erase_line();
   say("{}  skipped (already in results)\n", head());

@@ -17,8 +17,8 @@ class Terminal : public campaign::Observer {
  public:
   Terminal();
   ~Terminal() override;
-  // The number of runs, their planned time and its kind, simulated_time or "", to show progress.
-  void expect(std::size_t runs, std::chrono::duration<double> time, const std::string& kind);
+  // The runs, and the kind of their time, simulated_time or "", to show progress.
+  void expect(const campaign::Plan&, const std::string& kind);
   void note(const std::string& text) override;
   void line(const std::string& text);           // a line of another ontime, which has its own prefix
   void waits(const std::string& text);          // the next output replaces it
@@ -34,7 +34,7 @@ class Terminal : public campaign::Observer {
  private:
   using Clock = std::chrono::steady_clock;
   using Seconds = std::chrono::duration<double>;
-  void next(const campaign::Run&);
+  void next(const campaign::Run&, bool is_planned = true);
   Seconds left() const;
   std::string head() const;  // "[2/3, 45 s left] loaded udp"
   std::string doing() const;
@@ -47,8 +47,8 @@ class Terminal : public campaign::Observer {
   std::string doing_;  // or how far the messages are; "": the line shows something else
   bool measures_ = false;
   Clock::time_point begun_, doing_since_;
-  std::size_t runs_ = 1, number_ = 0;
-  Seconds planned_{0}, planned_after_{0};  // for this run, and for all after it
+  std::size_t runs_ = 1, number_ = 0, to_measure_ = 0;  // all; this one; after it, at most
+  Seconds planned_{0}, planned_after_{0};               // for this run, and for all after it
   // What the runs so far took beyond the plan: to start load, to read traces.
   Seconds beyond_plan_{0};
   std::size_t measured_ = 0;

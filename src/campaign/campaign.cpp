@@ -169,6 +169,16 @@ class Suite {
   Hosts stated_;
 };
 
+std::vector<json> records_of(const Scenario& scenario, const Together& runs, Hosts::Kind kind) {
+  auto records = asked(runs, scenario.hosts);
+  for (auto& record : records) {
+    record["scenario"] = scenario.text;
+    record["scenario_file"] = scenario.file;
+    record["hosts"] = word_of(kind);
+  }
+  return records;
+}
+
 // Carries out a scenario's runs, those that are not done.
 class Execution {
  public:
@@ -188,13 +198,8 @@ class Execution {
  private:
   Suite::Result measure(const Run& run) {
     const auto runs = together(run, scenario_.hosts);
-    auto records = asked(runs, scenario_.hosts);
-    for (auto& record : records) {
-      record["scenario"] = scenario_.text;
-      record["scenario_file"] = scenario_.file;
-      record["hosts"] = word_of(suite_.kind());
-      record["command_line"] = command_line_;
-    }
+    auto records = records_of(scenario_, runs, suite_.kind());
+    for (auto& record : records) record["command_line"] = command_line_;
     std::size_t known = 0;
     bool ends = false;
     for (std::size_t at = 0; done_ && at < runs.size(); ++at)
@@ -282,6 +287,21 @@ std::vector<json> asked(const Together& runs, const Hosts& hosts) {
     for (std::size_t other = 0; other < runs.size(); ++other)
       if (i != other) all[i]["others"][runs[other].component] = differences(conditions[i], conditions[other]);
   return all;
+}
+
+Plan plan_of(const Scenario& scenario, const Done& done) {
+  Plan plan{scenario.size(), 0, time_of(scenario)};
+  const auto kind = Machines::kind_here(scenario.hosts);
+  for (std::size_t i = 0; done && i < scenario.size(); ++i) {
+    const auto run = scenario.at(i);
+    if (run.step.of > 0) continue;  // only its search knows whether it needs this step
+    const auto records = records_of(scenario, together(run, scenario.hosts), kind);
+    if (!std::ranges::all_of(records, [&](const auto& record) { return done(record, {}) != nullptr; }))
+      continue;
+    ++plan.known;
+    plan.time -= time_of(run);
+  }
+  return plan;
 }
 
 void Observer::begins_listening(const Run&) {

@@ -61,9 +61,16 @@ std::string as_root();
 using orders::Interrupts;
 
 // Returns the outcome of a run that is already in the results, by its requested record and the machines of
-// "controller" and "component"; null if it is not.
+// "controller" and "component", as far as they are known yet; null if it is not.
 using Done = std::function<const record::Outcome*(const nlohmann::json& asked,
                                                   const record::ByName<record::Machine>& machines)>;
+
+// What execute() will measure, at most: searches may need fewer of their steps.
+struct Plan {
+  std::size_t runs = 0, known = 0;        // all; those that are already in the results and of no search
+  std::chrono::duration<double> time{0};  // of the others
+};
+Plan plan_of(const Scenario&, const Done& done = {});
 
 // Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
 // (the others are still carried out), or 130. Changes on the hosts are undone when it returns or

@@ -119,13 +119,18 @@ void Machines::leave_all() noexcept {
     if (machine.keeper && !leave(machine)) give_back_anew(machine);
 }
 
+Hosts::Kind Machines::kind_here(const Hosts& stated) {
+  const bool lacks_permission =
+      stated.kind == Hosts::Kind::namespaces && cable_of(stated).is_null() && !machine::may_join_namespaces();
+  return lacks_permission ? Hosts::Kind::loopback : stated.kind;
+}
+
 void Machines::prepare(const Hosts& stated, const Transports& transports) {
   observer_.does("looking at the machines");
   leave_all();
   machines_.clear();
   hosts_ = stated;
-  if (hosts_.kind == Hosts::Kind::namespaces && cable_of(hosts_).is_null() &&
-      !machine::may_join_namespaces()) {
+  if (kind_here(stated) != stated.kind) {
     if (hosts_.components.size() > 1)
       throw Error(3,
                   "components: no permission to create a network namespace for each. Fix: state their hosts, "

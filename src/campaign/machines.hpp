@@ -39,6 +39,8 @@ class Machines {
   // anything.
   void prepare(const Hosts&, const Transports& = {});
   const Hosts& hosts() const { return hosts_; }
+  // Of hosts(), once they are prepared: without permission for namespaces, both ends are on loopback.
+  static Hosts::Kind kind_here(const Hosts& stated);
   const record::Machine& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
