@@ -6,6 +6,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign_scenario.hpp"
+#include "record/record.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -182,6 +183,32 @@ TEST_F(ScenarioFile, UnknownTransportOfThisMachineIsRefused) {
 TEST_F(ScenarioFile, UnknownTransportOfOtherMachinesIsAccepted) {
   EXPECT_EQ(error("hosts: {component: {ssh: robot, address: 10.0.0.2}}\nruns: [{id: a, transport: mine}]\n"),
             "no error");
+}
+
+TEST_F(ScenarioFile, QosIsVariedOnlyOverATransportThatHasIt) {
+  EXPECT_THAT(
+      error("runs: [{id: a, transport: udp, qos: {reliability: [best-effort, reliable]}}]\n"),
+      AllOf(HasSubstr(":1:52: qos.reliability: udp has no QoS"), HasSubstr("Fix: state one value, or"),
+            HasSubstr("(cyclonedds, fastdds, opendds, ros2)")));
+  EXPECT_THAT(error("defaults: {transport: [cyclonedds, ethernet], qos: {depth: [1, 2]}}\nruns: [{id: a}]\n"),
+              HasSubstr(":1:61: qos.depth: ethernet has no QoS"));
+  Selection selection;
+  selection.transports = {"udp"};
+  EXPECT_THAT(error("runs: [{id: a, transport: fastdds, qos: {depth: [1, 2]}}]\n", selection),
+              HasSubstr("qos.depth: udp has no QoS"));
+  EXPECT_EQ(error("components: [arm, base]\n"
+                  "runs: [{id: a, transport: udp, arm: {transport: fastdds, qos: {depth: [1, 2]}}}]\n"),
+            "no error");
+}
+
+TEST_F(ScenarioFile, QosIsNoConditionOfATransportWithoutIt) {
+  const auto scenario = read(
+      "defaults: {qos: {reliability: reliable, depth: 7}}\n"
+      "runs: [{id: a, transport: [udp, cyclonedds]}]\n");
+  const auto plain = read("runs: [{id: a, transport: udp}]\n");
+  EXPECT_EQ(record::key_of(conditions::asked(scenario.runs.at(0), {})),
+            record::key_of(conditions::asked(plain.runs.at(0), {})));
+  EXPECT_EQ(scenario.runs.at(1).task.config.qos.depth, 7);
 }
 
 TEST_F(ScenarioFile, PayloadBeyondATransportIsRefused) {

@@ -75,7 +75,7 @@ TEST_F(ScenarioFile, DefaultsHoldWhereARunSaysNothing) {
   const auto scenario = read(
       "title: T\n"
       "hosts: loopback\n"
-      "defaults: {transport: udp, period: 20 ms, qos: {depth: 3}}\n"
+      "defaults: {transport: cyclonedds, period: 20 ms, qos: {depth: 3}}\n"
       "runs:\n"
       "  - id: a\n"
       "  - {id: b, period: 5 ms, qos: {reliability: reliable}}\n");

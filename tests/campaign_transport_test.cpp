@@ -32,6 +32,7 @@ constexpr const char* impossible[][2] = {{"explain: on", "explain cannot follow 
                                          {"link: {loss: 1 %}", "modest bypasses the packet filter"},
                                          {"payload: 501 B", "at most 500"},
                                          {"security: sign", "transport modest has no DDS Security"},
+                                         {"qos: {depth: [1, 2]}", "modest has no QoS"},
                                          {"background: {topics: 1}", "transport modest has no topics"}};
 
 TEST_F(ForeignTransport, WhatItCannotDoIsRefusedWhereItIsInstalled) {

@@ -273,6 +273,11 @@ class Combinations {
       const bool holds = holds_for_it(said);
       if (&dimensions_[i] == &dimensions_.back()) run.step.among = run.variant;
       if (choices.size() == 1 || (holds && said.key == "transport")) continue;
+      if (holds && said.key.starts_with("qos.") && has_no_qos(run.task.transport))
+        fail(
+            choice.node,
+            fmt::format("{}: {} has no QoS, so these runs would be the same. Fix: state one value, or use {}",
+                        path, run.task.transport, other_transports(&transport::Capabilities::qos, true)));
       const auto& name = holds ? said.key : path;
       const bool of_others = !holds && !component.empty();
       auto& text = of_others ? run.beside : run.variant;

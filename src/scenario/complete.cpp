@@ -115,6 +115,7 @@ void check_transports(const Run& run) {
 bool is_below_ip(Text transport) { return is_known(transport, &Capabilities::below_ip); }
 bool is_past_the_kernel(Text transport) { return is_known(transport, &Capabilities::past_the_kernel); }
 bool has_no_topics(Text transport) { return is_known(transport, &Capabilities::topics, false); }
+bool has_no_qos(Text transport) { return is_known(transport, &Capabilities::qos, false); }
 bool any_past_the_kernel(const Run& run) {
   return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
 }
@@ -220,6 +221,7 @@ void complete(Run& run) {
                     "each other. Leave out security or component.transport ({})",
                     run.component_transport));
   if (const auto why = why_not_by_its_transports(run); !why.empty()) throw std::invalid_argument(why);
+  if (has_no_qos(run.task.transport)) run.task.config.qos = {};  // which would look like a condition
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);

@@ -12,6 +12,7 @@ namespace ontime::scenario {
 void complete_network(Run&);
 void complete_background(const Run&);
 bool has_no_topics(const std::string& transport);
+bool has_no_qos(const std::string& transport);
 // Of why_not_by(), as far as the transports of both ends are known here.
 std::string why_not_by_its_transports(const Run&, const conditions::Wire& = {});
 // "another transport (udp, ethernet)": ontime's own that have, or lack, this capability.

@@ -21,10 +21,10 @@ inline constexpr std::size_t max_dds_payload_bytes = 16 * mebibyte;
 
 inline constexpr Shipped all_shipped[] = {
     // The plug-ins check these sizes against their headers.
-    {"udp", {.max_payload_bytes = 65'475, .launch_time = true, .topics = false}, ""},
-    {"ethernet", {.max_payload_bytes = 65'503, .launch_time = true, .below_ip = true}, ""},
+    {"udp", {.max_payload_bytes = 65'475, .launch_time = true, .topics = false, .qos = false}, ""},
+    {"ethernet", {.max_payload_bytes = 65'503, .launch_time = true, .below_ip = true, .qos = false}, ""},
     {"xdp",
-     {.max_payload_bytes = 3'794, .below_ip = true, .past_the_kernel = true},
+     {.max_payload_bytes = 3'794, .below_ip = true, .past_the_kernel = true, .qos = false},
      ". Fix: install the package ontime-transport-xdp, or build ontime with libxdp-dev and libbpf-dev"},
     {"cyclonedds",
      {.max_payload_bytes = max_dds_payload_bytes,

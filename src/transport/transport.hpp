@@ -211,6 +211,7 @@ struct Capabilities {
   bool past_the_kernel = false;  // bypasses packet filter, queueing disciplines and tracepoints
   bool hears = false;            // Plugin::hear() reads topics of any type
   bool shares_threads = false;   // all participants of a process receive on the same threads
+  bool qos = true;               // honours Config::qos
 };
 
 struct Option {
@@ -219,7 +220,7 @@ struct Option {
 };
 
 // The version of the interface, and the sizes of its structures, so that a forgotten rebuild is found.
-inline constexpr int abi = 7 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 8 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;
