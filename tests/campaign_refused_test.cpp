@@ -185,6 +185,24 @@ TEST_F(ScenarioFile, UnknownTransportOfOtherMachinesIsAccepted) {
             "no error");
 }
 
+TEST_F(ScenarioFile, TransportsThatCannotReachEachOtherAreRefused) {
+  const auto pair = [&](const std::string& controller, const std::string& component) {
+    return error(fmt::format("runs:\n- {{id: a, transport: {}, component: {{transport: {}}}}}\n", controller,
+                             component));
+  };
+  EXPECT_THAT(pair("udp", "cyclonedds"),
+              AllOf(HasSubstr(":2:3: run 'a': udp cannot reach cyclonedds on the component"),
+                    HasSubstr("udp has no topics"),
+                    HasSubstr("Fix: leave out component.transport, or use one of: udp")));
+  EXPECT_THAT(pair("fastdds", "udp"), AllOf(HasSubstr("udp has no topics"),
+                                            HasSubstr("use one of: cyclonedds, fastdds, opendds, ros2")));
+  EXPECT_THAT(pair("udp", "xdp"), HasSubstr("xdp has no IP header"));
+  EXPECT_THAT(pair("ethernet", "ros2"), HasSubstr("ethernet has no IP header"));
+  for (const auto* reaches : {"ethernet", "xdp"}) EXPECT_EQ(pair("ethernet", reaches), "no error");
+  for (const auto* reaches : {"cyclonedds", "fastdds", "opendds", "ros2"})
+    EXPECT_EQ(pair("ros2", reaches), "no error");
+}
+
 TEST_F(ScenarioFile, QosIsVariedOnlyOverATransportThatHasIt) {
   EXPECT_THAT(
       error("runs: [{id: a, transport: udp, qos: {reliability: [best-effort, reliable]}}]\n"),

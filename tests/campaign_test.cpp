@@ -196,10 +196,10 @@ TEST_F(ScenarioFile, RealtimeSettingsAreAPresetThatIsRefined) {
 
 TEST_F(ScenarioFile, ComponentMayHaveItsOwnTransport) {
   const auto scenario = read(
-      "runs: [{id: a, transport: udp, options: {port: 1}, component: {transport: [fastdds, ros2], options: "
-      "{rmw: x}}}]\n");
+      "runs: [{id: a, transport: cyclonedds, options: {port: 1}, component: {transport: [fastdds, ros2], "
+      "options: {rmw: x}}}]\n");
   ASSERT_EQ(scenario.runs.size(), 2U);
-  EXPECT_EQ(scenario.runs[1].task.transport, "udp");
+  EXPECT_EQ(scenario.runs[1].task.transport, "cyclonedds");
   EXPECT_EQ(scenario.runs[1].component_transport, "ros2");
   EXPECT_THAT(scenario.runs[1].component_options, ElementsAre(testing::Pair("rmw", "x")));
   EXPECT_THAT(scenario.runs[1].task.config.options, ElementsAre(testing::Pair("port", "1")));

@@ -28,12 +28,15 @@ class ForeignTransport : public ScenarioFile {
   std::string before_;
 };
 
-constexpr const char* impossible[][2] = {{"explain: on", "explain cannot follow modest"},
-                                         {"link: {loss: 1 %}", "modest bypasses the packet filter"},
-                                         {"payload: 501 B", "at most 500"},
-                                         {"security: sign", "transport modest has no DDS Security"},
-                                         {"qos: {depth: [1, 2]}", "modest has no QoS"},
-                                         {"background: {topics: 1}", "transport modest has no topics"}};
+constexpr const char* impossible[][2] = {
+    {"explain: on", "explain cannot follow modest"},
+    {"link: {loss: 1 %}", "modest bypasses the packet filter"},
+    {"payload: 501 B", "at most 500"},
+    {"security: sign", "transport modest has no DDS Security"},
+    {"qos: {depth: [1, 2]}", "modest has no QoS"},
+    {"component: {transport: udp}",
+     "modest cannot reach udp on the component: modest has no IP header. Fix: leave out component.transport"},
+    {"background: {topics: 1}", "transport modest has no topics"}};
 
 TEST_F(ForeignTransport, WhatItCannotDoIsRefusedWhereItIsInstalled) {
   install();

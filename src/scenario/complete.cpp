@@ -66,6 +66,27 @@ bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
   return can && (*can).*what == has;
 }
 
+// Frames without an IP header reach no socket, and a transport without topics knows none to answer on.
+bool may_reach(const Capabilities& one, const Capabilities& other) {
+  return one.below_ip == other.below_ip && one.topics == other.topics;
+}
+
+void check_ends(const Run& run) {
+  const auto &controller = run.task.transport, &component = run.component_transport;
+  if (component.empty()) return;
+  const auto can = transport::declared(controller), others = transport::declared(component);
+  if (!can || !others || may_reach(*can, *others)) return;
+  const bool is_below_ip = can->below_ip != others->below_ip;
+  const bool is_controller = is_below_ip ? can->below_ip : !can->topics;
+  std::vector<std::string_view> alike;
+  for (const auto& one : transport::all_shipped)
+    if (may_reach(*can, one.can)) alike.push_back(one.name);
+  throw std::invalid_argument(fmt::format(
+      "{} cannot reach {} on the component: {} has no {}. Fix: leave out component.transport{}", controller,
+      component, is_controller ? controller : component, is_below_ip ? "IP header" : "topics",
+      alike.empty() ? "" : fmt::format(", or use one of: {}", fmt::join(alike, ", "))));
+}
+
 void check_payload(const Run& run) {
   const auto& task = run.task;
   const auto beside = task.background.topics > 0 ? task.background.payload_bytes : 0;
@@ -227,6 +248,7 @@ void complete(Run& run) {
   complete_network(run);
   complete_background(run);
   complete_isolation(run);
+  check_ends(run);
   check_payload(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
