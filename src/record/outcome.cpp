@@ -149,17 +149,17 @@ Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
                                    {"duration_s", &client.duration}})
     if (!at(from, name).is_number()) *time = {};
   if (!at(from, "payload_bytes").is_number()) client.payload_bytes = 0;
-  if (const auto& others = at(from, "others"); others.is_object())
-    for (const auto& other : others) {
-      ++beside_it.components;
+  if (const auto& stated = at(from, "others"); stated.is_object())
+    for (const auto& other : stated) {
+      ++others.components;
       auto stress = json::object();
       for (const auto* name : {"load", "traffic", "background"})
         if (const auto& value = at(other, name); value.is_object()) stress[name] = value;
       if (stress.empty()) continue;
       const auto run = conditions::run_of_record(stress);
-      beside_it.load |= run.controller_load.any() || run.component_load.any();
-      beside_it.traffic |= run.traffic.any();
-      beside_it.topics |= run.task.background.topics > 0;
+      others.load |= run.controller_load.any() || run.component_load.any();
+      others.traffic |= run.traffic.any();
+      others.topics |= run.task.background.topics > 0;
     }
   // An older ontime has numbers here.
   if (const auto& settings = at(from, "kernel"); settings.is_object())

@@ -420,10 +420,10 @@ struct Asked : conditions::Run {
   // "worst": of a robot's own messages those around the worst have samples; the outcome counts all.
   std::string kept;
   // What other components requested that this one did not, while it was measured.
-  struct Beside {
+  struct Others {
     std::size_t components = 0;
     bool load = false, traffic = false, topics = false;
-  } beside_it;
+  } others;
   bool keeps_worst() const { return is_listened() && kept == "worst"; }
 
   static void fields(auto& of, auto&& field) {

@@ -56,11 +56,22 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
 }
 
 // `lacking`: what other runs have, if this is none.
-std::string stress_words(const std::string& stress, const std::string& lacking) {
-  const auto words = stress.empty()               ? "without " + lacking
-                     : stress.starts_with("link") ? "with " + stress
-                                                  : "under " + stress;
-  return replace_all(words, beside_it, " of another component");
+std::string stress_words(const std::vector<Stress>& stress, const std::string& lacking) {
+  if (stress.empty()) return "without " + lacking;
+  std::vector<std::string> words;
+  for (const auto& [what, is_of_another] : stress)
+    words.push_back(what + (is_of_another ? " of another component" : ""));
+  return (stress.front().what.starts_with("link") ? "with " : "under ") + join(words, ", ");
+}
+// All that any of these have: "traffic, load or link faults".
+std::string any_stress(const std::vector<Class>& classes) {
+  std::vector<std::string> all;
+  for (const auto& one : classes)
+    for (const auto& stress : one.regime.stress) add_once(all, stress.what);
+  if (all.empty()) return "load";
+  const auto last = all.back();
+  all.pop_back();
+  return all.empty() ? last : join(all, ", ") + " or " + last;
 }
 std::string tuned_words(const std::string& tuned) {
   if (tuned.empty()) return "without real-time settings";
@@ -181,15 +192,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->regime.stress == contrast->regime.stress;
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
-  std::vector<std::string> stress;
-  for (const auto& one : classes)
-    for (const auto& word : split(replace_all(replace_all(one.regime.stress, beside_it, ""), ", ", ","), ','))
-      if (!word.empty()) add_once(stress, word);
-  auto lacking = stress.empty() ? "load" : stress.back();
-  if (stress.size() > 1) {
-    stress.pop_back();
-    lacking = join(stress, ", ") + " or " + lacking;
-  }
+  const auto lacking = any_stress(classes);
   const auto other = same_stress  ? tuned_words(contrast->regime.tuned)
                      : same_tuned ? stress_words(contrast->regime.stress, lacking)
                                   : all_words(contrast->regime, lacking);

@@ -23,8 +23,12 @@ using State = Answer::State;
 // "load, RT". Only a scenario says that a machine was idle: `ontime ping` does not know what else runs.
 std::string in_words(const Summary& run) {
   const auto [stress, tuned, is_listened] = regime_of(run);
-  const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
-  return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
+  std::vector<std::string> words;
+  for (const auto& [what, is_of_another] : stress)
+    words.push_back(what + (is_of_another ? " beside it" : ""));
+  if (words.empty() && !run.run.asked.scenario_file.empty()) words.emplace_back("idle");
+  if (!tuned.empty()) words.push_back(tuned);
+  return join(words, ", ");
 }
 
 struct Wait {
@@ -76,19 +80,20 @@ Row row_of(const Group& runs, const std::string& name) {
 
 Regime regime_of(const Summary& run) {
   const auto& asked = run.run.asked;
-  std::vector<std::string> stress, tuned;
-  const auto add = [&](const char* what, bool own, bool beside) {
-    if (own || beside) stress.push_back(own ? what : std::string(what) + beside_it);
+  std::vector<Stress> stress;
+  std::vector<std::string> tuned;
+  const auto add = [&](const char* what, bool is_own, bool is_of_another) {
+    if (is_own || is_of_another) stress.push_back({what, !is_own});
   };
-  const auto& beside = asked.beside_it;
-  add("load", asked.controller_load.any() || asked.component_load.any(), beside.load);
-  add("traffic", asked.traffic.any(), beside.traffic);
-  add("background topics", asked.task.background.topics > 0, beside.topics);
+  const auto& others = asked.others;
+  add("load", asked.controller_load.any() || asked.component_load.any(), others.load);
+  add("traffic", asked.traffic.any(), others.traffic);
+  add("background topics", asked.task.background.topics > 0, others.topics);
   add("link faults", asked.faults.any(), false);
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
   if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
-  return {join(stress, ", "), join(tuned, ", "), asked.is_listened()};
+  return {stress, join(tuned, ", "), asked.is_listened()};
 }
 
 std::vector<Entry> entries_of(const Summaries& summaries) {

@@ -10,11 +10,16 @@
 
 namespace ontime::report {
 
-// Of stress that another component has at the same time: "load beside it".
-inline constexpr const char* beside_it = " beside it";
-// Stress on the machines and the link, and the settings against it, a few words each.
+// Stress on the machines and the link, in a word: "load".
+struct Stress {
+  std::string what;
+  bool is_of_another = false;  // component, at the same time
+  bool operator==(const Stress&) const = default;
+};
+// Stress, and the settings against it, in words.
 struct Regime {
-  std::string stress, tuned;
+  std::vector<Stress> stress;
+  std::string tuned;
   bool is_listened = false;  // to a robot's own messages
   bool operator==(const Regime&) const = default;
 };
