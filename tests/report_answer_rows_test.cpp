@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The first screen's rows and next steps, where runs are of several kinds.
+// The first screen's rows, where runs are of several kinds.
 #include "gate/gate.hpp"
 #include "report/words.hpp"
 #include "report_answers.hpp"
@@ -44,25 +44,6 @@ TEST(Answer, LateRowIsNotLeftOutForOnesThatWereCutOffAndMissedNothing) {
     EXPECT_THAT(text, HasSubstr(row));
   EXPECT_THAT(text, AllOf(HasSubstr("CUT OFF"), ::testing::Not(HasSubstr("NOT APPLIED")),
                           ::testing::ContainsRegex("… and [0-9]+ more rows, none worse, but [0-9]+ not ok")));
-}
-
-TEST(Answer, StepsAreAboutTheRunsThatTheyName) {
-  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "cyclonedds", {}, 5)};
-  for (auto& one : runs) {
-    amend(one.run.asked, "/scenario_file", nullptr);
-    amend(one.run.asked, "/command_line", {"ontime", "ping", "--transport", one.run.asked.task.transport});
-  }
-  EXPECT_THAT(commands_of(answer_of(runs, kept)).front(), HasSubstr("ping --transport cyclonedds --explain"));
-  runs[1] = runs[0];
-  runs[1].run.number = 2;
-  amend(runs[1].run.asked, {{"id", "b"}, {"command_line", {"ontime", "ping", "--period", "1ms"}}});
-  for (auto& one : runs) one.missed_probability.messages = 2000;
-  runs[0].missed_probability.bound = 1e-5;
-  runs[0].message_every_ns = 1000 * ms;
-  runs[1].missed_probability.bound = 1.5e-3;
-  runs[1].message_every_ns = ms;
-  EXPECT_THAT(commands_of(answer_of(runs, kept)).front(),
-              testing::MatchesRegex("ontime ping --period 1ms --duration 3[0-9]s"));
 }
 
 TEST(Answer, AScenarioIsRepeatedForAsLongAsItsSlowestRunTakes) {
@@ -142,72 +123,6 @@ TEST(Answer, RobotsOwnMessagesAreNotCalledCycles) {
   auto without_samples = summary(scan.run.asked.document, outcome(), 0);
   amend(without_samples.run.outcome, "/dropped_records", 2000);
   EXPECT_EQ(answer_of({without_samples}, kept).sentence, "No sample was recorded of 2,000 messages.");
-}
-
-TEST(Answer, WordOfAForeignFileIsNoOptionOfACommand) {
-  auto one = run(1, "--help", "udp", {}, 5);
-  amend(one.run.asked, {{"command_line", {"ontime", "run", "demo"}}, {"scenario_file", "--junit=/tmp/made"}});
-  for (const auto& command : commands_of(answer_of({one}, kept)))
-    EXPECT_THAT(command, AllOf(::testing::Not(HasSubstr("junit")), ::testing::Not(HasSubstr("--only"))));
-}
-
-// Of a file that a stranger made: what it names would run as root.
-TEST(Answer, NextCommandOfAForeignFileNamesOnlyATrustedScenario) {
-  auto one = run(1, "a", "udp", {}, 5);
-  Origin foreign{.file = "r.ontime", .is_root = true};
-  const auto late_of = [&](const std::vector<std::string>& words, const std::string& file) {
-    amend(one.run.asked, {{"command_line", words}, {"scenario_file", file}});
-    return commands_of(answer_of({one}, foreign)).front();
-  };
-  const std::string unknown = "ontime run SCENARIO --only a --explain";
-  EXPECT_EQ(late_of({"ontime", "run", "demo"}, "/x/demo.yaml"), unknown) << "nothing is trusted";
-  foreign.trusts = [](const std::string& name) {
-    return name == "demo" || name == "lab/tsn" || name == "own.yaml";
-  };
-  EXPECT_EQ(late_of({"ontime", "run", "demo"}, "/x/demo.yaml"), "ontime run demo --only a --explain");
-  EXPECT_EQ(late_of({"ontime", "run", "lab/tsn"}, "/x/tsn.yaml"), "ontime run lab/tsn --only a --explain");
-  EXPECT_EQ(late_of({"ontime", "run", "x.yaml"}, "x.yaml"), unknown);
-  EXPECT_EQ(late_of({"ontime", "run", "paper/../../x/evil.yaml"}, "/x/evil.yaml"), unknown);
-  EXPECT_EQ(late_of({"ontime", "run", "other/own.yaml", "own.yaml"}, "own.yaml"),
-            "ontime run own.yaml --only a --explain")
-      << "this one, not one of the same name";
-  EXPECT_EQ(late_of({"ontime", "run", "--only", "demo", "./demo"}, "/x/demo.yaml"), unknown)
-      << "the value of an option is no scenario";
-  EXPECT_EQ(late_of({"ontime", "run", "--cable", "eth8,eth9", "demo", "--deploy"}, "/x/demo.yaml"),
-            "ontime run demo --deploy --only a --explain");
-}
-
-TEST(Answer, NextCommandOfAForeignFileHasNoFileHostOrInterfaceOfIt) {
-  auto one = run(1, "ping", "udp", {}, 5);
-  const Origin foreign{.file = "r.ontime", .is_root = true};
-  const auto late_of = [&](const std::vector<std::string>& words, const Origin& origin) {
-    amend(one.run.asked, {{"scenario_file", nullptr}, {"command_line", words}});
-    return commands_of(answer_of({one}, origin)).front();
-  };
-  const std::vector<std::string> evil = {
-      "ontime",   "ping",      "--peer",      "evil", "worse",  "--option", "config=/tmp/evil.xml",
-      "--period", "1ms",       "--interface", "eth7", "--keep", "1GB",      "--log=/etc/passwd",
-      "more",     "--loopback"};
-  EXPECT_EQ(
-      late_of(evil, foreign),
-      "ontime ping --peer HOST --option NAME=VALUE --period 1ms --loopback --explain --results why.ontime");
-  EXPECT_THAT(late_of(evil, kept), HasSubstr("--peer evil worse --option config=/tmp/evil.xml --period 1ms "
-                                             "--interface eth7 --log=/etc/passwd more"));
-  amend(one.run.asked, "/command_line",
-        {"ontime", "listen", "--metrics", "0.0.0.0:9100", "/scan", "--for", "5s", "/odom"});
-  EXPECT_THAT(commands_of(answer_of({one}, foreign)), testing::Each(testing::Not(HasSubstr("0.0.0.0"))));
-  amend(one.run.asked, "/command_line", {"ontime", "listen", "--pcap=x.pcap", "/scan"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)), testing::Each(testing::Not(HasSubstr("listen"))));
-}
-
-TEST(Answer, FinishesAsTheCallerSays) {
-  auto one = run(1, "a", "udp", {});
-  amend(one.run.outcome, "/interrupted", true);
-  auto origin = kept;
-  origin.finish = "ontime run one.yaml two.yaml --resume";
-  const auto commands = commands_of(answer_of({one}, origin));
-  EXPECT_EQ(commands.front(), origin.finish);
-  EXPECT_THAT(commands, testing::Not(testing::Contains(HasSubstr("--resume --results"))));
 }
 
 TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {

@@ -9,34 +9,11 @@ using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
-using ::testing::Field;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
 using ::testing::StartsWith;
 using State = Answer::State;
-
-// The demo's: idle, load, both with real-time settings; the load is what makes messages late.
-std::vector<Summary> demo() {
-  std::vector<Summary> runs;
-  std::int64_t number = 0;
-  for (const auto& [id, conditions] : {std::pair<const char*, Conditions>{"Test1.A", {}},
-                                       {"Test1.B", {true, false}},
-                                       {"Test1.C", {false, true}},
-                                       {"Test1.D", {true, true}}})
-    for (const auto* transport : {"udp", "cyclonedds", "fastdds"}) {
-      ++number;
-      const auto missed = conditions.load && !conditions.realtime ? 320 + number * 40 : 0;
-      runs.push_back(run(number, id, transport, conditions, static_cast<std::uint64_t>(missed)));
-    }
-  return runs;
-}
-
-TEST(AnswerSteps, CommandThatFitsOneLineIsOnOne) {
-  const std::string fits(65, 'x'), wide(70, 'x');
-  EXPECT_EQ(steps_text({{"Prove < 1 in", fits}, {"Compare", wide}}, 80),
-            "Prove < 1 in:  " + fits + "\n" + "Compare: " + wide + "\n");
-}
 
 TEST(Answer, OppositeConditionsAreNeverPooled) {
   const auto answer = answer_of(demo(), kept);
@@ -51,11 +28,6 @@ TEST(Answer, OppositeConditionsAreNeverPooled) {
   EXPECT_THAT(commands_of(answer), ElementsAre("ontime run scenarios/demo.yaml --only Test1.B --explain",
                                                "ontime compare demo.ontime --from Test1.B --to Test1.D",
                                                "ontime report demo.ontime --full"));
-}
-
-TEST(Answer, NextCommandsTakeAFileNamedLikeAnOption) {
-  EXPECT_THAT(commands_of(answer_of(demo(), {.file = "-x.ontime"})),
-              Contains("ontime report ./-x.ontime --full"));
 }
 
 TEST(Answer, TwelveRunsFitTheScreen) {
@@ -202,16 +174,6 @@ TEST(Answer, FileWithoutSamplesIsNoSuccess) {
   EXPECT_EQ(answer.rows.front().state, State::not_applied);
 }
 
-TEST(Answer, NothingLateSaysHowLongToMeasure) {
-  const auto answer = answer_of({run_without_a_late_message()}, kept);
-  EXPECT_EQ(answer.sentence, "All 2,000 cycles had an answer within 10 ms.");
-  // 3 / 1e-4 messages of 10 ms.
-  EXPECT_THAT(
-      answer.next,
-      Contains(AllOf(Field(&Answer::Step::why, "Prove < 1 in 10,000"),
-                     Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
-}
-
 TEST(Answer, MissingDeadlineIsNamed) {
   auto one = run(1, "a", "udp", {});
   one.run.asked.task.client.deadline = {};
@@ -224,86 +186,6 @@ TEST(Answer, EmptyPayloadIsShownAndAnUnknownOneIsNot) {
   EXPECT_EQ(answer_of({one}, kept).conditions, "0 B every 10 ms, 20 s a run");
   amend(one.run.asked, "/payload_bytes", nullptr);
   EXPECT_EQ(answer_of({one}, kept).conditions, "every 10 ms, 20 s a run");
-}
-
-TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
-  auto one = run_without_a_late_message();
-  amend(one.run.asked, "/command_line",
-        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a,b", "--explain", "other.yaml",
-         "--fail-if", "late > 0", "--results", "old.ontime"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime run scenarios/demo.yaml --only a,b --duration 5min"));
-  amend(one.run.outcome, "/interrupted", true);
-  EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime run scenarios/demo.yaml --duration=5s --only a,b --explain --resume --results "
-                       "demo.ontime"));
-}
-
-TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
-  auto one = run_without_a_late_message();
-  amend(one.run.outcome, "/hosts/controller/machine/simulated", "QEMU, igb");
-  amend(one.run.asked, "/command_line",
-        {"ontime", "lab", "run", "scenarios/demo.yaml", "--nic", "igb", "--live", "--duration", "5s",
-         "--full"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime lab run scenarios/demo.yaml --nic igb --live --duration 5min"));
-  // As the lab recorded it before: what ran within the machine.
-  amend(one.run.asked, "/command_line",
-        {"ontime", "run", "/scenarios/1/demo.yaml", "--send-to", "/dev/x", "--cable", "eth1,eth2"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains(HasSubstr("ontime lab run ")));
-  EXPECT_THAT(commands_of(answer_of({one}, kept)), Not(Contains(HasSubstr("--cable"))));
-}
-
-TEST(Answer, TheNextCommandNamesAScenarioOfAFolderAsTheUserDid) {
-  auto one = run_without_a_late_message();
-  amend(one.run.asked, "/scenario_file", "/usr/share/ontime/scenarios/lab/round-trips.yaml");
-  amend(one.run.asked, "/command_line", {"ontime", "lab", "run", "lab/round-trips", "--duration", "1s"});
-  amend(one.run.outcome, "/hosts/controller/machine/simulated", "QEMU");
-  EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime lab run lab/round-trips --duration 5min"));
-  amend(one.run.asked, "/scenario_file", "/home/me/run.yaml");
-  amend(one.run.asked, "/command_line", {"ontime", "lab", "run", "here/run.yaml"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime lab run here/run.yaml --duration 5min"));
-}
-
-TEST(Answer, TheNextCommandNamesNoOptionTwice) {
-  auto one = run_without_a_late_message();
-  amend(one.run.asked, "/scenario_file", "");
-  amend(one.run.asked, "/command_line",
-        {"ontime", "ping", "--loopback", "--explain", "on", "--duration=1s", "--results=old.ontime"});
-  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime ping --loopback --duration 5min"));
-}
-
-TEST(Answer, WithoutResultsTheNextCommandMeasuresAgainAsBefore) {
-  auto one = run(1, "ping", "udp", {}, 5);
-  amend(one.run.asked, "/scenario_file", "");
-  amend(one.run.asked, "/command_line",
-        {"ontime", "ping", "--loopback", "--duration", "1s", "--explain", "--payload", "1kB", "--format",
-         "table"});
-  EXPECT_THAT(commands_of(answer_of({one}, {"", true})),
-              ElementsAre("ontime ping --loopback --duration 1s --payload 1kB --explain --results why.ontime",
-                          "ontime ping --loopback --duration 1s --explain --payload 1kB --full"));
-}
-
-TEST(Answer, FailedPingIsNotSuggestedAgain) {
-  auto one = run(1, "ping", "udp", {});
-  amend(one.run.asked, "/scenario_file", "");
-  amend(one.run.asked, "/command_line", {"ontime", "ping", "--loopback"});
-  EXPECT_THAT(commands_of(answer_of({one}, {"", true})), Contains("ontime ping --loopback --full"));
-  const auto failed = summary(one.run.asked.document, {{"error", "not permitted"}}, 0);
-  EXPECT_THAT(commands_of(answer_of({failed}, {"", true})), IsEmpty());
-}
-
-TEST(Answer, ComparisonWithoutAPairIsNotSuggested) {
-  std::vector<Summary> runs = {run(1, "quiet", "udp", {}), run(2, "quiet", "udp", {}),
-                               run(3, "loud", "udp", {true, false}, 300)};
-  EXPECT_THAT(commands_of(answer_of({runs[0], runs[2]}, kept)),
-              Contains("ontime compare demo.ontime --from loud --to quiet"));
-  for (const auto& [place, variant] : {std::pair<std::size_t, const char*>{0, "100 B"}, {1, "2000 B"}}) {
-    amend(runs[place].run.asked, "/variant", variant);
-    runs[place].run.key += variant;
-  }
-  EXPECT_THAT(commands_of(answer_of(runs, kept)), Not(Contains(HasSubstr("ontime compare "))));
 }
 
 TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
@@ -485,20 +367,6 @@ TEST(Answer, LoadOfAnotherComponentAtTheSameTimeIsLoad) {
               AllOf(StartsWith("Under load 10 %"), HasSubstr("; under load of another component 0 %")));
   EXPECT_EQ(answer.rows[1].conditions, "load beside it");
   EXPECT_THAT(answer.rows[1].name, StartsWith("udp component arm"));
-}
-
-TEST(Answer, HostileTextsOfAFileAreQuotedInCommands) {
-  auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
-  amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");
-  amend(one.run.asked, "/command_line", json::array());
-  auto commands =
-      commands_of(answer_of({one}, {.file = "my results.ontime", .is_root = true, .is_own = true}));
-  EXPECT_THAT(commands,
-              Contains("ontime run '/tmp/$(reboot).yaml' --only 'a'\\''; rm -rf $HOME; '\\''' --explain"));
-  EXPECT_THAT(commands, Contains("ontime report 'my results.ontime' --full"));
-  amend(one.run.asked, "/scenario_file", "/tmp/\x1b]0;x\x07.yaml");
-  commands = commands_of(answer_of({one}, {.file = "r", .is_root = true, .is_own = true}));
-  EXPECT_THAT(commands, ElementsAre("ontime report r --full"));
 }
 
 TEST(Answer, NoRunsGiveASentenceAlone) {

@@ -25,6 +25,22 @@ inline Summary run(std::int64_t number, const std::string& id, const std::string
   return one;
 }
 
+// The demo's: idle, load, both with real-time settings; the load is what makes messages late.
+inline std::vector<Summary> demo() {
+  std::vector<Summary> runs;
+  std::int64_t number = 0;
+  for (const auto& [id, conditions] : {std::pair<const char*, Conditions>{"Test1.A", {}},
+                                       {"Test1.B", {true, false}},
+                                       {"Test1.C", {false, true}},
+                                       {"Test1.D", {true, true}}})
+    for (const auto* transport : {"udp", "cyclonedds", "fastdds"}) {
+      ++number;
+      const auto missed = conditions.load && !conditions.realtime ? 320 + number * 40 : 0;
+      runs.push_back(run(number, id, transport, conditions, static_cast<std::uint64_t>(missed)));
+    }
+  return runs;
+}
+
 // Too short to prove that less than 1 in 10,000 is late, which takes 5 minutes.
 inline Summary run_without_a_late_message() {
   auto one = run(1, "a", "udp", {});
