@@ -108,7 +108,7 @@ TEST(JudgeAChange, LimitInPointsIsAnsweredInPoints) {
   EXPECT_THAT(says_of("lost > +0.1 points", rare, losing(0.002, 1e-9, 1)),
               HasSubstr("(+0.1 points), 98 % interval [-0.1 points, +"));
   EXPECT_THAT(says_of("lost > +0.1 points", losing(0.001, 1e-5, 0.01), losing(0.002, 1e-9, 1)),
-              testing::AllOf(HasSubstr("+100 points]"), HasSubstr("too")))
+              testing::AllOf(HasSubstr("+99.9 points]"), HasSubstr("too")))
       << "not more than all messages";
   // Without a ratio an interval in percent would read as one.
   for (const auto* text : {"lost > +0.1 points", "lost > +10%"})

@@ -54,6 +54,20 @@ TEST(Answer, AScenarioIsRepeatedForAsLongAsItsSlowestRunTakes) {
   EXPECT_THAT(commands_of(answer_of({one, slow}, kept)).front(), HasSubstr("--duration 50min"));
 }
 
+TEST(Answer, RowWithTheGreatestShareAndTheLongestWaitAreTold) {
+  std::vector<Summary> runs;
+  for (int i = 0; i < 30; ++i) {
+    auto& one = runs.emplace_back(run(i + 1, "a" + std::to_string(i), "udp", {}, 2));
+    one.notes.push_back({gate::missed_note, "FAIL: late <= 0", {}, {}});
+  }
+  runs.push_back(run(31, "none-required", "udp", {}, 1800));
+  runs.push_back(run(32, "waited", "udp", {}, 1));
+  runs.back().response.max = 7000 * ms;
+  const auto text = text_of(answer_of(runs, kept), 80);
+  EXPECT_THAT(text, AllOf(HasSubstr("1,800 (90 %)"), HasSubstr("more rows, none worse, but "),
+                          HasSubstr(" not ok, one waited 7000 ms\n")));
+}
+
 TEST(Answer, WhatHasNoLimitIsNeitherOnTimeNorLate) {
   auto one = run(1, "/scan period", "", {});
   amend(one.run.asked, {{"measures", "period"}, {"deadline_us", nullptr}});

@@ -55,6 +55,18 @@ TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
   EXPECT_THAT(text, HasSubstr("All metrics:  ontime compare a b --full"));
 }
 
+TEST(CompareAnswer, OwnMessagesAreLateOrLostWhereBothAreKnown) {
+  std::vector a{with_misses("x", "k1", 900)}, b{with_misses("x", "k1", 30)};
+  for (auto* side : {&a, &b}) {
+    amend(side->front().run.asked, {{"measures", "age"}, {"deadline_us", 5000}});
+    side->front().late_probability = side->front().late_by_response_probability;
+  }
+  EXPECT_THAT(answer_of(compare(a, b)),
+              AllOf(HasSubstr("fewer late or lost messages"), Not(HasSubstr("cycles"))));
+  amend(b.front().run.outcome, "/loss_unknown", true);
+  EXPECT_THAT(answer_of(compare(a, b)), AllOf(HasSubstr("fewer late messages"), Not(HasSubstr("lost"))));
+}
+
 TEST(CompareAnswer, SingleRunsProveNothing) {
   const std::vector a{with_misses("x", "k1", 900)}, b{with_misses("x", "k1", 30)};
   const auto text = answer_of(compare(a, b));

@@ -195,6 +195,10 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   EXPECT_THAT(render({one}, Format::markdown), Not(HasSubstr("wake-up latency was")))
       << "a lost message's cycle waited longer";
   one.lost_wait_ns = 0;
+  one.response.max = 61'000'000;
+  EXPECT_THAT(render({one}, Format::markdown), Not(HasSubstr("wake-up latency was"))) << "a skipped cycle";
+  one.response.max = one.open_wait_ns = 2'000'000'000;
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("wake-up latency was 84 %")) << "that had no answer";
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;
   text = render({one}, Format::markdown);
@@ -367,7 +371,9 @@ TEST(Remarks, TellOfOtherTrafficOnTheLink) {
   EXPECT_THAT(text, Not(HasSubstr("of the component"))) << "it is the same";
   EXPECT_THAT(with("eth1", 80'000'000),
               AllOf(HasSubstr("eth1 of the controller"), HasSubstr("lo of the component")));
-  requested["others"]["base"]["traffic"] = {{"bit_s", 20'000'000}};
+  requested["others"]["base"]["payload_bytes"] = 20'000;
+  EXPECT_THAT(with("eth1", 80'000'000), Not(HasSubstr("other traffic"))) << "nothing tells how many";
+  requested["others"]["base"] = {{"traffic", {{"bit_s", 20'000'000}}}};
   EXPECT_THAT(with("eth1", 80'000'000), Not(HasSubstr("other traffic"))) << "another component's";
 }
 

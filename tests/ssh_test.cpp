@@ -37,6 +37,7 @@ TEST(Ssh, WordsReachAShellUndividedAndUnchanged) {
   EXPECT_EQ(what_a_shell_makes_of(
                 {"it's", "", "$HOME", "a b", "*", "~", "`id`", "x;exit 1", "\"", "a\nb", "\\", "ä"}),
             "<it's><><$HOME><a b><*><~><`id`><x;exit 1><\"><a\nb><\\><ä>");
+  EXPECT_EQ(table::shell_line({"a\\", "'; b"}), R"('a'\\'' ''\''; b')") << "no backslash in quotes, for fish";
 }
 
 TEST(Ssh, SessionsShareOneConnectionAndNoCheckIsSwitchedOff) {

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 #include <sys/stat.h>
+#include <sys/xattr.h>
 #include <unistd.h>
 
 #include "orders/orders.hpp"
@@ -76,8 +77,8 @@ std::vector<std::string> files_of(const std::string& name) {
   return files;
 }
 
-// A folder with a sticky bit lets others add files, but not replace this one. A group with the owner's number
-// is the owner's alone.
+// A folder with a sticky bit lets others add files, but not replace this one. A user's group with the user's
+// number is the user's alone. Of a file with an access list, the group's bits are those of the list.
 bool only_we_can_change(const fs::path& path) {
   struct stat of {};
   if (lstat(path.c_str(), &of) != 0 || (!S_ISREG(of.st_mode) && !S_ISDIR(of.st_mode))) return false;
@@ -85,8 +86,9 @@ bool only_we_can_change(const fs::path& path) {
   const bool is_ours = of.st_uid == 0 || of.st_uid == geteuid() ||
                        (geteuid() == 0 && caller != nullptr && std::to_string(of.st_uid) == caller);
   const bool is_sticky = S_ISDIR(of.st_mode) && (of.st_mode & S_ISVTX) != 0;
-  const bool may_others =
-      (of.st_mode & S_IWOTH) != 0 || ((of.st_mode & S_IWGRP) != 0 && of.st_gid != of.st_uid);
+  const bool is_group_own = of.st_gid == of.st_uid && of.st_uid != 0 &&
+                            getxattr(path.c_str(), "system.posix_acl_access", nullptr, 0) < 0;
+  const bool may_others = (of.st_mode & S_IWOTH) != 0 || ((of.st_mode & S_IWGRP) != 0 && !is_group_own);
   return is_ours && (!may_others || is_sticky);
 }
 

@@ -154,12 +154,13 @@ bool may_exceed(const statistics::Change& change, double value) {
   return !high || (change.ratio ? change.from * *high : change.from + *high) > value;
 }
 
-// Of a share: where to − from lies, by the interval that decides.
-Interval difference_lies(const statistics::Change& change) {
+// Where to − from lies, by the interval that decides. A share lies between 0 and 1.
+Interval difference_lies(const Gate& gate, const statistics::Change& change) {
   auto lies = change.lies();
-  if (change.ratio)
-    for (auto* end : {&lies.low, &lies.high})
-      if (*end) *end = std::clamp(change.from * (**end - 1), -1.0, 1.0);
+  for (auto* end : {&lies.low, &lies.high}) {
+    if (*end && change.ratio) *end = change.from * (**end - 1);
+    if (*end && is_share(gate)) *end = std::clamp(**end, -change.from, 1 - change.from);
+  }
   return lies;
 }
 
@@ -178,7 +179,8 @@ std::string change_words(const Gate& gate, const statistics::Change& change) {
     return is_share(gate) ? fmt::format("{:+.3g} points", value * 100)
                           : (value < 0 ? "" : "+") + time_of(value);
   };
-  return fmt::format("({}), {}", text(change.to - change.from), interval(difference_lies(change), text));
+  return fmt::format("({}), {}", text(change.to - change.from),
+                     interval(difference_lies(gate, change), text));
 }
 
 // Why `ontime listen` did not see what the gate judges; empty: it did.

@@ -152,9 +152,12 @@ Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
   if (const auto& stated = at(from, "others"); stated.is_object())
     for (const auto& other : stated) {
       ++others.components;
+      for (const auto* name : {"payload_bytes", "period_us", "schedule"})
+        others.messages |= !at(other, name).is_null();
       auto stress = json::object();
-      for (const auto* name : {"load", "traffic", "background"})
-        if (const auto& value = at(other, name); value.is_object()) stress[name] = value;
+      for (const auto& [name, is_known] :
+           {std::pair("load", others.load), {"traffic", others.traffic}, {"background", others.topics}})
+        if (const auto& value = at(other, name); !is_known && value.is_object()) stress[name] = value;
       if (stress.empty()) continue;
       const auto run = conditions::run_of_record(stress);
       others.load |= run.controller_load.any() || run.component_load.any();

@@ -423,6 +423,7 @@ struct Asked : conditions::Run {
   struct Others {
     std::size_t components = 0;
     bool load = false, traffic = false, topics = false;
+    bool messages = false;  // another payload or rate
   } others;
   bool keeps_worst() const { return is_listened() && kept == "worst"; }
 

@@ -22,10 +22,6 @@ using State = Answer::State;
 
 // --- the sentence ---
 
-double share_of(const Row& row) {
-  return row.cycles == 0 ? 0 : static_cast<double>(row.missed) / static_cast<double>(row.cycles);
-}
-
 struct Class {
   Regime regime;
   std::vector<const Entry*> entries;
@@ -58,10 +54,8 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
 // `lacking`: what other runs have, if this is none.
 std::string stress_words(const std::vector<Stress>& stress, const std::string& lacking) {
   if (stress.empty()) return "without " + lacking;
-  std::vector<std::string> words;
-  for (const auto& [what, is_of_another] : stress)
-    words.push_back(what + (is_of_another ? " of another component" : ""));
-  return (stress.front().what.starts_with("link") ? "with " : "under ") + join(words, ", ");
+  return (stress.front().what.starts_with("link") ? "with " : "under ") +
+         join(words_of(stress, " of another component"), ", ");
 }
 // All that any of these have: "traffic, load or link faults".
 std::string any_stress(const std::vector<Class>& classes) {

@@ -23,9 +23,7 @@ using State = Answer::State;
 // "load, RT". Only a scenario says that a machine was idle: `ontime ping` does not know what else runs.
 std::string in_words(const Summary& run) {
   const auto [stress, tuned, is_listened] = regime_of(run);
-  std::vector<std::string> words;
-  for (const auto& [what, is_of_another] : stress)
-    words.push_back(what + (is_of_another ? " beside it" : ""));
+  auto words = words_of(stress, " beside it");
   if (words.empty() && !run.run.asked.scenario_file.empty()) words.emplace_back("idle");
   if (!tuned.empty()) words.push_back(tuned);
   return join(words, ", ");
@@ -96,6 +94,13 @@ Regime regime_of(const Summary& run) {
   return {stress, join(tuned, ", "), asked.is_listened()};
 }
 
+std::vector<std::string> words_of(const std::vector<Stress>& stress, const char* of_another) {
+  std::vector<std::string> words;
+  words.reserve(stress.size());
+  for (const auto& [what, is_of_another] : stress) words.push_back(what + (is_of_another ? of_another : ""));
+  return words;
+}
+
 std::vector<Entry> entries_of(const Summaries& summaries) {
   std::vector<Entry> entries;
   for (const auto& all : by_id(summaries)) {
@@ -105,6 +110,10 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;
+}
+
+double share_of(const Row& row) {
+  return static_cast<double>(row.missed) / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
 }
 
 std::string name_of(const Row& row, bool with_id) { return with_id ? row.id + " " + row.name : row.name; }

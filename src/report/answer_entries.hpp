@@ -24,6 +24,8 @@ struct Regime {
   bool operator==(const Regime&) const = default;
 };
 Regime regime_of(const statistics::Summary&);
+// "load", "traffic beside it", with these words for another component's.
+std::vector<std::string> words_of(const std::vector<Stress>&, const char* of_another);
 
 // Repetitions together, in the order of the first.
 struct Entry {
@@ -32,6 +34,7 @@ struct Entry {
 };
 std::vector<Entry> entries_of(const Summaries&);
 
+double share_of(const Answer::Row&);                              // of its cycles, those not in time
 std::string name_of(const Answer::Row&, bool with_id);            // "Test1.B udp", or "udp"
 std::vector<std::string> cautions_of(const std::vector<Entry>&);  // the gravest first
 

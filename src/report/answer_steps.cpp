@@ -102,7 +102,8 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
     return (chosen != "--duration" && chosen != "--explain") || is_one_of(chosen, wanted);
   };
   std::vector<std::string> kept = {"ontime", words[1]};
-  std::size_t skipped = 0;  // so many words, the values of an option that is dropped
+  // So many words, the values of an option that is dropped. ping has no words but values.
+  std::size_t skipped = listens ? 0 : words.size();
   for (const auto& word : std::span(words).subspan(2)) {
     if (!word.starts_with('-')) {
       if (skipped == 0) kept.push_back(word);
@@ -118,7 +119,7 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
     if (option == "--pcap") return {};  // a capture gets no longer
     if (!is_own && option == "--peer") kept.insert(kept.end(), {option, "HOST"});
     if (!is_own && option == "--option") kept.insert(kept.end(), {option, "NAME=VALUE"});
-    // listen's topics follow one value; ping has no words but values.
+    // listen's topics follow one value.
     skipped = !listens ? words.size() : option == word ? 1 : 0;
   }
   return kept;

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "report/answer.hpp"
+#include "report/answer_entries.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -32,8 +33,7 @@ std::string missed_of(const Row& row, bool with_cycles) {
   if (row.state <= State::no_limit) return nothing;
   auto text = with_cycles ? fmt::format("{}/{}", row.missed, row.cycles) : grouped(row.missed);
   if (row.missed == 0) return text;
-  const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-  return fmt::format("{} ({} %)", text, percent(static_cast<double>(row.missed) / cycles));
+  return fmt::format("{} ({} %)", text, percent(share_of(row)));
 }
 
 std::string wait_of(const Row& row) {
@@ -47,7 +47,7 @@ const char* word_of(const Row& row) {
   return is_judged && row.open_requirement && row.state != State::late ? "open" : report::word_of(row.state);
 }
 
-// The places of so many rows that are worst, in the order of the rows.
+// The places of so many rows that are worst, in the order of the rows. The greatest share is among them.
 std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most) {
   std::vector<std::size_t> places(rows.size());
   std::iota(places.begin(), places.end(), 0);
@@ -58,12 +58,17 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   };
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
-    const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-    return std::tuple(rank(row), row.missed_requirement, row.open_requirement,
-                      static_cast<double>(row.missed) / cycles, row.worst_wait_ns.value_or(0));
+    return std::tuple(rank(row), row.missed_requirement, row.open_requirement, share_of(row),
+                      row.worst_wait_ns.value_or(0));
   };
   std::ranges::stable_sort(places, std::greater(), badness);
-  if (places.size() > most) places.resize(most);
+  if (places.size() > most) {
+    const auto share_at = [&](std::size_t place) { return share_of(rows[place]); };
+    const auto greatest = std::ranges::max_element(places, {}, share_at);
+    if (greatest - places.begin() >= static_cast<std::ptrdiff_t>(most))
+      std::iter_swap(greatest, places.begin() + static_cast<std::ptrdiff_t>(most) - 1);
+    places.resize(most);
+  }
   std::ranges::sort(places);
   return places;
 }
@@ -199,8 +204,15 @@ std::string text_of(const Answer& answer, std::size_t width) {
     };
     const auto bad = std::ranges::count_if(answer.rows, is_bad) -
                      std::ranges::count_if(shown, [&](auto place) { return is_bad(answer.rows[place]); });
-    text += fmt::format("… and {}, none worse{}\n", many(more, "more row", "more rows"),
-                        bad > 0 ? fmt::format(", but {} not ok", bad) : "");
+    const auto wait_of_row = [](const Row& row) { return row.worst_wait_ns.value_or(0); };
+    const auto& waited = *std::ranges::max_element(answer.rows, {}, wait_of_row);
+    const bool is_shown = std::ranges::any_of(
+        shown, [&](auto place) { return wait_of_row(answer.rows[place]) == wait_of_row(waited); });
+    std::vector<std::string> but;
+    if (bad > 0) but.push_back(fmt::format("{} not ok", bad));
+    if (!is_shown) but.push_back(fmt::format("one waited {} ms", wait_of(waited)));
+    text += fmt::format("… and {}, none worse{}{}\n", many(more, "more row", "more rows"),
+                        but.empty() ? "" : ", but ", join(but, ", "));
   }
   return text + rest;
 }

@@ -40,8 +40,16 @@ constexpr std::array ways_to_miss = {
 
 const Missed* missed_of(const Pair& pair) {
   const bool is_own = pair.from.front()->run.asked.is_listened();
-  for (const auto& way : ways_to_miss)
-    if ((is_own || !way.is_of_own) && change_of(pair, way.times, way.figure)) return &way;
+  const auto knows = [&](bool (*what)(const record::Run&)) {
+    return std::ranges::all_of(std::array{&pair.from, &pair.to}, [&](const auto* side) {
+      return std::ranges::all_of(*side, [&](const auto* run) { return what(run->run); });
+    });
+  };
+  const bool knows_both = knows(statistics::knows_late) && knows(statistics::knows_loss);
+  for (const auto& way : ways_to_miss) {
+    if (way.times == Times::response && (way.is_of_own != is_own || (is_own && !knows_both))) continue;
+    if (change_of(pair, way.times, way.figure)) return &way;
+  }
   return nullptr;
 }
 

@@ -59,10 +59,11 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   }
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
   const auto& [took_ns, before, message, after] = summary.shape.worst.front();
-  // A wait after a lost message, or of a skipped cycle, may be longer.
-  const auto longest_ns = std::max({took_ns, summary.response.max, summary.lost_wait_ns});
+  // A cycle that was skipped, or lost its message, may have waited longer for its answer.
+  const bool is_open = summary.response.max == summary.open_wait_ns;
+  if (took_ns < std::max(summary.lost_wait_ns, is_open ? 0 : summary.response.max)) return;
   const auto share =
-      static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(longest_ns);
+      static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(took_ns);
   if (share >= 0.5)
     remarks.push_back({Weight::detail, "sender wake-up latency was {} of the longest answered wait",
                        std::min(share, 1.0), whole_percent_text});

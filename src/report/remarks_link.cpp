@@ -152,9 +152,9 @@ std::string missed_launches_text(const Outcome& outcome) {
 
 std::vector<std::string> other_traffic(const statistics::Summary& summary) {
   // Of other components, which may share the interface, only the outcome of their own runs tells how much it
-  // was.
+  // was, unless they send as many bytes as this one.
   const auto& others = summary.run.asked.others;
-  if (others.traffic || others.topics) return {};
+  if (others.traffic || others.topics || others.messages) return {};
   const auto messages = (1 + std::min<std::uint64_t>(others.components, 1000)) * summary.sent;
   const auto expected =
       2 * messages * (bounded(summary.run.asked.task.client.payload_bytes) + headers_bytes) +

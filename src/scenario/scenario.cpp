@@ -172,20 +172,25 @@ class File {
 
   // `report --layers` subtracts a run's baseline, and that one's in turn: a circle has no lowest layer.
   void check_baselines() const {
+    std::set<std::string> ending;  // from these on it is known that the baselines end
     for (const auto& [id, node] : baselines_) {
       if (!node.IsSequence())
         check_baseline(node);
       else
         for (const auto& one : node) check_baseline(one);
-      auto circle = id;
       std::set<std::string> seen;
-      for (auto below = baselines_.find(id); below != baselines_.end() && seen.insert(below->first).second;) {
-        const auto next = below->second.Scalar();
-        circle += " → " + next;
-        if (next == id) fail(node, fmt::format("baseline: the baselines form a circle: {}", circle));
-        below = baselines_.find(next);
-      }
+      auto below = baselines_.find(id);
+      const auto ends = [&] { return below == baselines_.end() || ending.contains(below->first); };
+      while (!ends() && seen.insert(below->first).second) below = baselines_.find(below->second.Scalar());
+      if (!ends()) fail_with_circle(below->first, below->second);
+      ending.merge(seen);
     }
+  }
+
+  [[noreturn]] void fail_with_circle(const std::string& id, const YAML::Node& node) const {
+    auto circle = id;
+    for (auto next = node.Scalar(); next != id; next = baselines_.at(next).Scalar()) circle += " → " + next;
+    fail(node, fmt::format("baseline: the baselines form a circle: {} → {}", circle, id));
   }
 
   Required take_require(Entries& entries, const RunKeys& keys) const {

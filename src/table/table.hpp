@@ -33,12 +33,12 @@ std::string labelled(const std::string& label, const std::string& text, std::siz
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
-// As one command, which a POSIX shell takes for these words.
+// As one command, which a POSIX shell, zsh and fish take for these words.
 std::string shell_line(const std::vector<std::string>& words);
 // For texts that users paste; nothing, if a word has a character that a terminal may show as another.
 std::optional<std::string> line_to_paste(const std::vector<std::string>& words);
 std::string as_operand(const std::string& file);  // of "-x" "./-x", which is no option
-std::string replace_all(std::string text, std::string_view what, std::string_view with);
+std::string replace_all(std::string_view text, std::string_view what, std::string_view with);
 
 struct Column {
   enum class Align { left, right };

@@ -137,10 +137,24 @@ std::vector<std::string> split(const std::string& text, char separator) {
   return parts;
 }
 
-std::string replace_all(std::string text, std::string_view what, std::string_view with) {
-  for (auto found = text.find(what); found != std::string::npos; found = text.find(what, found + with.size()))
-    text.replace(found, what.size(), with);
-  return text;
+std::string replace_all(std::string_view text, std::string_view what, std::string_view with) {
+  std::string result;
+  for (auto found = text.find(what); found != text.npos; found = text.find(what)) {
+    result.append(text.substr(0, found)).append(with);
+    text.remove_prefix(found + what.size());
+  }
+  return result.append(text);
+}
+
+// To fish, a backslash within quotes may escape the next one.
+std::string in_quotes(const std::string& word) {
+  std::string text = "'";
+  for (const char c : word)
+    if (c == '\'' || c == '\\')
+      text += std::string("'\\") + c + "'";
+    else
+      text += c;
+  return text + "'";
 }
 
 std::string shell_line(const std::vector<std::string>& words) {
@@ -150,7 +164,7 @@ std::string shell_line(const std::vector<std::string>& words) {
   for (const auto& word : words) {
     // What begins with "=" is a program's path to zsh.
     const bool is_plain = !word.empty() && word.front() != '=' && word.find_first_not_of(plain) == word.npos;
-    quoted.push_back(is_plain ? word : "'" + replace_all(word, "'", "'\\''") + "'");
+    quoted.push_back(is_plain ? word : in_quotes(word));
   }
   return join(quoted, " ");
 }

@@ -106,7 +106,7 @@ class Results(unittest.TestCase):
             return [f"ontime run {scenario}" in text for text in texts]
 
         self.assertEqual(named(), [True, True])
-        for path, mode in ((scenario, 0o666), (self.folder, 0o777)):
+        for path, mode in ((scenario, 0o666), (scenario, 0o664), (self.folder, 0o777)):
             path.chmod(mode)
             self.assertEqual(named(), [False, False], path)
             path.chmod(mode & 0o755)
