@@ -33,6 +33,12 @@ def asked(messages, **own):
             "qos": {"reliability": "best-effort", "history": "keep-last", "depth": 1, "durability": "volatile"}, **own}
 
 
+def outcome(**own):
+    threads = [{"role": "send", "name": "ontime-send", "tid": 7, "policy": "fifo", "priority": 80, "cpus": "0-1"}]
+    host = {"machine": {"kernel_release": "6.1"}, "threads": threads, "refusals": []}
+    return {"interrupted": False, "hosts": {"controller": host, "component": host}, **own}
+
+
 def samples(run, messages, seed=1):
     """Round trips with rare stalls, a slow drift, and about one loss in a million."""
     chance = random.Random(seed)

@@ -11,7 +11,6 @@ import os
 import pathlib
 import random
 import re
-import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -28,12 +27,6 @@ ONTIME = os.environ.get("ONTIME", "build/release/bin/ontime")
 PICTURES = os.environ.get("PICTURES")
 HOSTILE = "</script><script>window.hacked = 1</script><!-- <img src=x onerror='window.hacked = 2'> \" ' \u2028 &lt;b&gt;"
 SHOWN_OF_IT = "</script><script>window.hacked = 1</script><!-- <img src=x onerror='window.hacked = 2'> \" ' &lt;b&gt;"
-
-
-def outcome(**own):
-    threads = [{"role": "send", "name": "ontime-send", "tid": 7, "policy": "fifo", "priority": 80, "cpus": "0-1"}]
-    host = {"machine": {"kernel_release": "6.1"}, "threads": threads, "refusals": []}
-    return {"interrupted": False, "hosts": {"controller": host, "component": host}, **own}
 
 
 def seen_difference(one, other):
@@ -109,7 +102,7 @@ class Page(unittest.TestCase):
                        (1, "switch", {"at": 21_070_000, "thread": 20, "name": "pong-receive", "priority": 120, "what": "S"}))
         dropped = window(70, (0, "queued", ours), (0, "sent", ours), (0, "received", ours),
                          (0, "dropped", {**ours, "what": reason}))
-        came = outcome(trace={"controller": {}})
+        came = results_file.outcome(trace={"controller": {}})
         came["hosts"] = {host: {"machine": {"boot_id": "b"}, "refusals": [], "threads": [{"role": role, "name": role, "tid": tid}]}
                          for host, role, tid in (("controller", "send", 10), ("component", "receive", 20))}
         return self.results([(results_file.asked(100), came, rows)], traces=[waits, dropped])
@@ -128,7 +121,7 @@ class Page(unittest.TestCase):
                 for column in (6, 7, 8):
                     rows[900][column] = None
                 rows[900][10] = results_file.LOST
-            runs.append((request, outcome(), rows))
+            runs.append((request, results_file.outcome(), rows))
         notes = [(1, 1, results_file.START_NS + 9_000_000_000, 900, "peer-left", "the pong left")]
         return self.results(runs, notes)
 
@@ -172,7 +165,7 @@ class Page(unittest.TestCase):
         rows = [list(row) for row in results_file.samples(1, count)]
         rows[slowest][6], rows[slowest][10] = 444_000_000, results_file.LATE
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(count), results_file.outcome(), rows)])))
         svg, plot = "figure.time svg", "figure.time"
         self.assertEqual(opened.attribute(svg, "data-mode"), "columns")
         self.assertEqual(int(opened.attribute(svg, "data-shown")), count)
@@ -196,7 +189,7 @@ class Page(unittest.TestCase):
         rows = [list(row) for row in results_file.samples(1, count)]
         rows[-1][2] += 10 ** 6 * results_file.PERIOD_NS * count  # of 20 s
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(count), results_file.outcome(), rows)])))
         svg = "figure.time svg"
         self.assertEqual(int(opened.attribute(svg, "data-shown")), count)  # and one on either side
         self.assertGreater(opened.run("return document.querySelector('.columns').getBBox().width"), 500)
@@ -215,7 +208,7 @@ class Page(unittest.TestCase):
         for column in (6, 7, 8):
             rows[9_999][column] = None
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(20_000), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(20_000), results_file.outcome(), rows)])))
         faults = [row[1] for row in rows if row[10] != results_file.ON_TIME]
         for fault in [*faults, faults[0]]:
             opened.click("figure.time [data-does='show the next late or lost message']")
@@ -233,7 +226,7 @@ class Page(unittest.TestCase):
         rows = [list(row) for row in results_file.samples(1, count)]
         rows[31_234][6], rows[31_234][10] = 49_000_000, results_file.LATE
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(count), results_file.outcome(), rows)])))
         wrong = opened.run_async("""
             const done = arguments[arguments.length - 1];
             timePlots.then(([{ course }]) => {
@@ -301,8 +294,8 @@ class Page(unittest.TestCase):
         lost = [[*row[:6], None, None, None, row[9], results_file.LOST, 0] for row in results_file.samples(2, 300)]
         opened = self.browser()
         opened.open(self.page_of(self.results([
-            (results_file.asked(300), outcome(), results_file.samples(1, 300)),
-            (results_file.asked(300, transport="fastdds", component_transport="fastdds"), outcome(), lost)])))
+            (results_file.asked(300), results_file.outcome(), results_file.samples(1, 300)),
+            (results_file.asked(300, transport="fastdds", component_transport="fastdds"), results_file.outcome(), lost)])))
         self.assertEqual(opened.run("return [...document.querySelectorAll('figure.ccdf .names span')].map(one => one.textContent)"),
                          ["udp", "fastdds"])
         top, bottom, width = opened.run("""const box = document.querySelector("figure.ccdf path.line.c1").getBBox();
@@ -315,7 +308,7 @@ class Page(unittest.TestCase):
     def test_nothing_but_losses_is_drawn_all_the_same(self):
         lost = [[*row[:6], None, None, None, row[9], results_file.LOST, 0] for row in results_file.samples(1, 300)]
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(300), outcome(), lost)])))
+        opened.open(self.page_of(self.results([(results_file.asked(300), results_file.outcome(), lost)])))
         self.assertEqual(opened.run("return document.querySelectorAll('figure.ccdf path.line[d]').length"), 2)
         self.assert_quiet(opened)
 
@@ -323,8 +316,8 @@ class Page(unittest.TestCase):
         chance = random.Random(3)
         fine = [[*row[:6], int(300_000 + chance.expovariate(1 / 40_000)), *row[7:]] for row in results_file.samples(1, 20_000)]
         few = [[2, *row[1:]] for row in fine[:200]]
-        results = self.results([(results_file.asked(20_000, transport="udp"), outcome(), fine),
-                                (results_file.asked(200, transport="fastdds"), outcome(), few)])
+        results = self.results([(results_file.asked(20_000, transport="udp"), results_file.outcome(), fine),
+                                (results_file.asked(200, transport="fastdds"), results_file.outcome(), few)])
         said = json.loads(subprocess.run([ONTIME, "report", results, "--format", "json"], check=True,
                                          capture_output=True).stdout)["runs"]
         bounds = [said[0]["extremes"][way] for way in ("block_maxima", "peaks_over_threshold")]
@@ -347,7 +340,7 @@ class Page(unittest.TestCase):
         for i in range(0, 20_000, 500):
             rows[i][6:9], rows[i][10] = [None] * 3, results_file.LOST
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(20_000), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(20_000), results_file.outcome(), rows)])))
         curve, mark = opened.run("""const of = path => [...path.getAttribute("d").matchAll(/([MLHV])([\\d.e-]+)(?:,([\\d.e-]+))?/g)];
             let x = 0, y = 0;
             const curve = of(document.querySelector("figure.ccdf path.line.c0")).map(([, kind, a, b]) => {
@@ -370,7 +363,7 @@ class Page(unittest.TestCase):
         slow = next(row for row in rows if row[1] == 2_000)
         slow[6] = 9_000_000
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(count), results_file.outcome(), rows)])))
         self.assertEqual(opened.attribute("figure.time svg", "data-mode"), "columns")
         alone = opened.run_async("""const done = arguments[arguments.length - 1];
             timePlots.then(([plot]) => done([
@@ -476,7 +469,7 @@ class Page(unittest.TestCase):
     def test_answers_that_took_no_time_are_drawn_all_the_same(self):
         rows = [[*row[:6], 0, *row[7:]] for row in results_file.samples(1, 100)]
         opened = self.browser()
-        opened.open(self.page_of(self.results([(results_file.asked(100), outcome(), rows)])))
+        opened.open(self.page_of(self.results([(results_file.asked(100), results_file.outcome(), rows)])))
         self.assert_quiet(opened)
         self.assertEqual(opened.run("return document.querySelectorAll('.fault[role=alert]').length"), 0)
 
@@ -538,91 +531,6 @@ class Page(unittest.TestCase):
                 if PICTURES:
                     opened.run("document.querySelector(arguments[0]).scrollIntoView()", ".why" if name == "way" else "header")
                     opened.picture(pathlib.Path(PICTURES) / f"{name}-{width}-{scheme}.png")
-
-
-class File(unittest.TestCase):
-    """What is asked of the program, without a browser."""
-
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-        self.results, self.page = self.folder / "r.ontime", self.folder / "r.html"
-
-    def report(self, *arguments):
-        return subprocess.run([ONTIME, "report", self.results, *arguments], capture_output=True, text=True, timeout=120)
-
-    def assert_refused(self, code, word, *arguments):
-        there = sorted(self.folder.iterdir())
-        done = self.report(*arguments)
-        self.assertEqual(done.returncode, code, done.stderr)
-        self.assertIn(word, done.stderr)
-        self.assertEqual(sorted(self.folder.iterdir()), there, "nothing is left of it")
-
-    def test_what_is_no_results_file_makes_no_page(self):
-        html = ("--format", "html", "--output", self.page)
-        self.assert_refused(2, "r.ontime", *html)
-        self.results.write_bytes(b"")
-        self.assert_refused(2, "empty", *html)
-        self.results.write_bytes(b"<html>" * 1000)
-        self.assert_refused(2, "not a results file", *html)
-        self.results.unlink()
-        results_file.twelve_hours(self.results, 20_000)
-        self.results.write_bytes(self.results.read_bytes()[:200_000])
-        self.page.write_text("an earlier page")
-        self.assert_refused(2, "damaged", *html)
-        self.assertEqual(self.page.read_text(), "an earlier page")
-
-    def test_the_results_are_not_written_over(self):
-        results_file.twelve_hours(self.results, 100)
-        before = self.results.read_bytes()
-        self.assert_refused(2, "is a results file", "--format", "html", "--output", self.results)
-        self.assertEqual(self.results.read_bytes(), before)
-        self.assert_refused(2, "cannot be written", "--format", "html", "--output", self.folder / "none" / "r.html")
-
-    def test_plot_draws_each_figure_in_each_form(self):
-        results_file.write(self.results, [
-            (results_file.asked(500, transport=transport, payload_bytes=payload, title="it's `touch hacked` <b>"), outcome(),
-             results_file.samples(number, 500))
-            for number, (transport, payload) in enumerate((("udp", 500), ("u'd\"p`touch hacked`", 1000)), 1)])
-        for figure in ("time", "ccdf", "conditions", "payload"):
-            for form, beginning in {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}.items():
-                with self.subTest(figure=figure, form=form):
-                    file = self.folder / f"{figure}.{form}"
-                    done = subprocess.run([ONTIME, "plot", self.results, "--figure", figure, "--output", file],
-                                          capture_output=True, text=True, timeout=60, cwd=self.folder)
-                    self.assertEqual((done.returncode, done.stderr), (0, ""))
-                    self.assertTrue(file.read_bytes().startswith(beginning))
-        self.assertFalse((self.folder / "hacked").exists())
-
-    def test_plot_makes_no_figure_of_megabytes(self):
-        rows = [list(row) for row in results_file.samples(1, 12_000)]
-        for i in range(0, 12_000, 12):  # as bad as can be: something late and something lost everywhere
-            rows[i][6], rows[i][10] = 30_000_000 + i, results_file.LATE
-            rows[i + 1][6:9], rows[i + 1][10] = [None] * 3, results_file.LOST
-        rows[7_001][6], rows[7_001][10] = 444_000_000, results_file.LATE
-        results_file.write(self.results, [(results_file.asked(12_000), outcome(), rows)])
-        sizes = {}
-        for wide in ("", "--wide"):
-            file = self.folder / "time.svg"
-            subprocess.run([ONTIME, "plot", self.results, "--output", file, *filter(None, [wide])], check=True, timeout=60)
-            sizes[wide] = file.stat().st_size
-        self.assertLess(max(sizes.values()), 200_000, sizes)
-
-    def test_plot_says_what_is_wrong(self):
-        results_file.twelve_hours(self.results, 100)
-
-        def plot(*arguments, **options):
-            return subprocess.run([ONTIME, "plot", self.results, *arguments], capture_output=True, text=True, **options)
-        for arguments, word in ((("--output", "x.gif"), "x.gif"), (("--output", "x.svg", "--figure", "pie"), "payload"),
-                                (("--output", "x.svg", "--only", "1,7"), "no run '7'")):
-            done = plot(*arguments)
-            self.assertEqual(done.returncode, 2)
-            self.assertIn(word, done.stderr)
-        done = plot("--output", str(self.folder / "x.svg"), env={"PATH": str(self.folder)})
-        self.assertEqual(done.returncode, 3)
-        self.assertIn("install gnuplot-nox", done.stderr)
-        self.assertFalse((self.folder / "x.svg").exists())
 
 
 if __name__ == "__main__":
