@@ -16,6 +16,7 @@ import time
 import unittest
 
 import sshd
+import yaml
 from program import ONTIME, eventually, processes_with, sample_count
 from sshd import PORT
 
@@ -165,6 +166,23 @@ class Ssh(unittest.TestCase):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         left_out = {one["key"]: one["why"] for one in json.loads(answer.stdout)["left_out"]}
         self.assertIn("on the component, test-far has no interrupts", left_out["kernel.irq-cpus"])
+
+    def test_init_writes_a_scenario_that_runs(self):
+        def init(*hosts):
+            file = self.own / f"{len(hosts)}.yaml"
+            answer = subprocess.run(["ip", "netns", "exec", NEAR, ONTIME, "init", *hosts, "--output", file],
+                                    capture_output=True, text=True, env=self.environment, timeout=60)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertIn(f"ontime run {file} --deploy", answer.stdout)  # there is no ontime in the PATH of its user
+            return file, yaml.safe_load(file.read_text())["hosts"]
+
+        component = {"ssh": "robot", "interface": "ssh-far", "address": "198.18.2.2"}
+        file, hosts = init("robot")
+        self.assertEqual(hosts, {"controller": {"interface": "ssh-near", "address": "198.18.2.1"}, "component": component})
+        self.assertEqual(init("robot", "robot")[1], {"controller": component, "component": component})
+        answer = self.run_ontime(file, "--deploy", "--duration", "300ms")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual([run["id"] for run in self.report()], ["idle", "loaded", "loaded-realtime"])
 
     def test_words_reach_the_machine_as_they_are(self):
         odd = self.own / "it's a \"$HOME\" folder; exit 9"
