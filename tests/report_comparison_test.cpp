@@ -12,8 +12,8 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 json figure_of(const json& pair, const std::string& name) {
-  for (const auto& figure : pair.at("figures"))
-    if (figure.at("figure") == name) return figure;
+  for (const auto& figure : pair.at("metrics"))
+    if (figure.at("metric") == name) return figure;
   return nullptr;
 }
 
@@ -84,9 +84,9 @@ TEST(Compare, ImportedWakeUpLatencyIsNoRoundTrip) {
   const auto text = render_answer(both, {}, Format::table, "", 80);
   EXPECT_THAT(text, HasSubstr("Wake-up (µs)"));
   EXPECT_THAT(text, Not(HasSubstr("98 %"))) << "it has no interval";
-  const auto figures = json::parse(render(both, {}, Format::json)).at("pairs").at(0).at("figures");
+  const auto figures = json::parse(render(both, {}, Format::json)).at("pairs").at(0).at("metrics");
   const auto max = figures.back();
-  EXPECT_EQ(max.at("figure"), "wake_up_us.max");
+  EXPECT_EQ(max.at("metric"), "wake_up_us.max");
   EXPECT_DOUBLE_EQ(max.at("to").get<double>(), static_cast<double>(b[0].wake_up.max) / 1e3);
   EXPECT_EQ(max.at("verdict"), "cannot tell");
   EXPECT_TRUE(max.at("ratio_low").is_null());
@@ -112,7 +112,7 @@ TEST(Compare, ImportedRepetitionsCountTogether) {
               AllOf(::testing::ContainsRegex("p50 +1.0 +3.0"), ::testing::ContainsRegex("p99 +- +-"),
                     ::testing::ContainsRegex("max +9.0 +8.0"),
                     HasSubstr("A: 1 run; B: 2 runs; each value is their mean, max the greatest")));
-  const auto figures = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("figures");
+  const auto figures = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("metrics");
   ASSERT_EQ(figures.size(), 3U) << figures;
   EXPECT_DOUBLE_EQ(figures.at(0).at("to").get<double>(), 3);
   EXPECT_DOUBLE_EQ(figures.at(2).at("to").get<double>(), 8);

@@ -233,7 +233,7 @@ ordered_json optional(const std::optional<double>& value, double unit) {
 ordered_json json_of(const Row& row, const statistics::Change& change) {
   const double unit = row.is_share() ? 1 : 1e3;
   const auto difference_lies = change.ratio ? statistics::Interval() : change.difference_lies;
-  return {{"figure", row.key()},
+  return {{"metric", row.key()},
           {"from", change.from / unit},
           {"to", change.to / unit},
           {"difference",
@@ -243,7 +243,8 @@ ordered_json json_of(const Row& row, const statistics::Change& change) {
           {"ratio", optional(change.ratio, 1)},
           {"ratio_low", optional(change.ratio_lies.low, 1)},
           {"ratio_high", optional(change.ratio_lies.high, 1)},
-          {"verdict", word_of(change.verdict())}};
+          {"verdict", word_of(change.verdict())},
+          {"figure", row.key()}};  // the earlier name, kept for one version
 }
 
 const char* json_word_of(gate::Judgement::Result result) {
@@ -268,11 +269,11 @@ ordered_json runs_json_of(const Runs& runs) {
 }
 
 // The metrics that both sides have.
-ordered_json figures_of(const Pair& pair) {
-  auto figures = ordered_json::array();
+ordered_json metrics_of(const Pair& pair) {
+  auto metrics = ordered_json::array();
   for (const auto& row : rows)
-    if (const auto change = change_of(pair, row.times, row.figure)) figures.push_back(json_of(row, *change));
-  if (!is_imported(pair)) return figures;
+    if (const auto change = change_of(pair, row.times, row.figure)) metrics.push_back(json_of(row, *change));
+  if (!is_imported(pair)) return metrics;
   const auto values_of = [](const Runs& runs) {
     std::uint64_t values = 0;
     for (const auto* run : runs) values += run->wake_up.count;
@@ -287,21 +288,24 @@ ordered_json figures_of(const Pair& pair) {
     change.to = to->ns;
     change.is_of_unequal_numbers = figure == Figure::max && more > fewer + fewer / 10;
     if (change.from > 0 && !change.is_of_unequal_numbers) change.ratio = change.to / change.from;
-    figures.push_back(json_of({Times::round_trip, figure}, change));
-    figures.back()["figure"] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
+    metrics.push_back(json_of({Times::round_trip, figure}, change));
+    for (const auto* name : {"metric", "figure"})
+      metrics.back()[name] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
   }
-  return figures;
+  return metrics;
 }
 
 ordered_json json_of(const Pair& pair) {
   const auto not_the_same = array_of(differences(pair), [](const Difference& one) {
     return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
   });
+  const auto metrics = metrics_of(pair);
   return {{"from", runs_json_of(pair.from)},
           {"to", runs_json_of(pair.to)},
           {"repeated", is_repeated(pair)},
-          {"figures", figures_of(pair)},
-          {"not_the_same", not_the_same}};
+          {"metrics", metrics},
+          {"not_the_same", not_the_same},
+          {"figures", metrics}};  // the earlier name, kept for one version
 }
 
 // Of all runs without a partner, the two that differ least, and their differences.
@@ -373,12 +377,12 @@ std::string csv_of(const Comparison& comparison) {
                                      "key_to", "runs_from", "runs_to"};
   std::vector<std::vector<std::string>> lines;
   for (const auto& pair : comparison.pairs)
-    for (const auto& figures : figures_of(pair)) {
+    for (const auto& metric : metrics_of(pair)) {
       const auto from = runs_json_of(pair.from), to = runs_json_of(pair.to);
       lines.push_back({cell_of(to.at("id")), cell_of(to.at("variant")), cell_of(to.at("transport")),
                        cell_of(from.at("key")), cell_of(to.at("key")),
                        std::to_string(whole(pair.from).size()), std::to_string(whole(pair.to).size())});
-      for (const auto& [name, value] : figures.items()) {
+      for (const auto& [name, value] : metric.items()) {
         if (lines.size() == 1) header.push_back(name);
         lines.back().push_back(cell_of(value));
       }

@@ -319,6 +319,9 @@ class Results(results.Results):
         self.assertRegex(answer.stdout, r"\np99 .* higher\n")
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "compare.xml").getroot().get("failures"), "1")
         self.ontime("compare", slower, a, *gate)
+        told = json.loads(self.ontime("compare", a, slower, *gate, "--format", "json", code=1).stdout)
+        self.assertIn(("p99 <= +10%", "one udp", "missed"),
+                      [(one["gate"], one["run"], one["result"]) for one in told["gates"]])
         for form in ("json", "csv", "markdown", "latex", "html"):
             wanted = "cannot tell" if form in ("json", "csv") else "lower"
             self.assertIn(wanted, self.ontime("compare", slower, a, "--format", form).stdout)
