@@ -179,6 +179,18 @@ TEST(TableFormat, SaysTheOtherEndsTransportOnce) {
               AllOf(HasSubstr("\n| cyclonedds |"), HasSubstr("\n| cyclonedds component fastdds |")));
 }
 
+TEST(TableFormat, AnOptionOfBothEndsIsShownOnce) {
+  std::vector<Summary> runs;
+  for (const auto* rmw : {"rmw_a", "rmw_b"}) {
+    runs.push_back(summary(asked("pair", "ros2"), outcome()));
+    amend(runs.back().run.asked, {{"options", {{"rmw", "rmw_a"}}},
+                                  {"component_options", {{"rmw", rmw}}},
+                                  {"variant", std::string("component.options.rmw ") + rmw}});
+  }
+  EXPECT_THAT(render(runs, Format::markdown),
+              AllOf(HasSubstr("\n| ros2 |"), HasSubstr("\n| ros2 component rmw\\_b |")));
+}
+
 TEST(TableFormat, ShortensAnOverlongIdAndKeepsItApart) {
   const std::string beginning(59, 'a');
   const std::vector runs = {summary(asked(beginning + "long", "udp"), outcome()),

@@ -85,6 +85,16 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
   return varied;
 }
 
+// Whether the key is an option of the component that has the controller's value, which one phrase shows.
+bool is_option_of_both(const std::string& key, const Summary& summary) {
+  constexpr std::string_view group = "component.options.";
+  if (!key.starts_with(group)) return false;
+  const auto [controller, component] = options_of(summary);
+  const auto name = key.substr(group.size());
+  const auto here = controller.find(name), there = component.find(name);
+  return here != controller.end() && there != component.end() && here->second == there->second;
+}
+
 // Adds the varied values that no phrase shows yet: "qos.depth" is already in the phrase "qos". The transport
 // begins the label.
 void add_variant(std::vector<std::string>& parts, const Summary& summary,
@@ -92,11 +102,11 @@ void add_variant(std::vector<std::string>& parts, const Summary& summary,
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
                                          "background", "kernel", "isolation"};
   for (const auto& [key, value] : varied(summary)) {
-    const bool told =
-        key == "component.transport" || std::ranges::any_of(phrases, [&, &key = key](const Phrase& phrase) {
-          const bool is_group = std::ranges::find(groups, phrase.key) != std::end(groups);
-          return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
-        });
+    const bool told = key == "component.transport" || is_option_of_both(key, summary) ||
+                      std::ranges::any_of(phrases, [&, &key = key](const Phrase& phrase) {
+                        const bool is_group = std::ranges::find(groups, phrase.key) != std::end(groups);
+                        return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
+                      });
     if (!told) parts.push_back(shortened(printable(fmt::format("{} {}", key, value)), longest_value));
   }
 }
