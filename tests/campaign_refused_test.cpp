@@ -102,6 +102,12 @@ TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   EXPECT_THAT(error("- a\n"), HasSubstr("not a scenario"));
   EXPECT_THAT(error(""), HasSubstr("not a scenario"));
   EXPECT_THAT(error("wat: 1\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:1: unknown key 'wat'"));
+  // A key in the wrong place is told where it belongs.
+  for (const auto* key : {"transport", "load", "neighbours", "require"})
+    EXPECT_THAT(error(fmt::format("runs: [{{id: a, transport: udp}}]\n{}: 1\n", key)),
+                HasSubstr(fmt::format(":2:1: unknown key '{}': it is a key of runs", key)));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, repeat: 2}]\n"),
+              HasSubstr(":1:32: unknown key 'repeat': it is a key of the file"));
   EXPECT_THAT(error("runs: [{transport: udp}]\n"), HasSubstr("a run needs an id"));
   EXPECT_THAT(error("runs: [{id: a}]\n"), HasSubstr("no transport is set. Fix: transport: udp"));
   EXPECT_THAT(error("repeat: 0\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:9: repeat"));

@@ -150,7 +150,7 @@ TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
           {"remedy", "run as root"}}});
   const auto answer = answer_of({one}, {.file = "r.ontime", .is_own = true});
   EXPECT_EQ(answer.rows.front().state, State::not_applied);
-  EXPECT_THAT(answer.sentence, HasSubstr("no run was measured as requested"));
+  EXPECT_THAT(answer.sentence, HasSubstr("No run was measured as requested"));
   EXPECT_THAT(answer.cautions, Contains(HasSubstr("denied: SCHED_FIFO 80 for thread send")));
   EXPECT_THAT(commands_of(answer), Contains("sudo ontime run scenarios/demo.yaml"));
 }

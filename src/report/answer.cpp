@@ -347,7 +347,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     if (late_listened > 0)
       answer.sentence += fmt::format(" {} of listened messages {} late or lost ones.",
                                      many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
-    if (!held) answer.sentence += " But no run was measured as requested.";
+    if (!held) answer.sentence += " No run was measured as requested.";
     if (left_out > 0)
       answer.sentence += fmt::format(" {} of {} {} not measured as requested{}.", left_out,
                                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",

@@ -54,7 +54,16 @@ bool is_key(const std::string& path) {
   return std::ranges::find(keys(), path, &conditions::Key::path) != keys().end();
 }
 
+std::string meant_in_file(const std::string& key) {
+  const auto now = conditions::current_key(key);
+  if (is_key(now) || !key_below(now).empty() || now == "id" || now == "options" || now == "require")
+    return ": it is a key of runs. Write it below defaults, or in a run";
+  return meant_of(key, file_keys);
+}
+
 std::string meant_of(const std::string& path) {
+  if (std::ranges::find(file_keys, path) != file_keys.end())
+    return ": it is a key of the file. Write it beside runs";
   const auto dot = path.rfind('.');
   const auto parent = dot == std::string::npos ? std::string() : path.substr(0, dot + 1);
   std::set<std::string> siblings;

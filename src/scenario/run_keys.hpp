@@ -4,6 +4,7 @@
 
 #include <map>
 #include <string>
+#include <vector>
 
 #include <yaml-cpp/yaml.h>
 
@@ -20,9 +21,15 @@ struct Said {
   std::string key;
 };
 
+// The keys of a scenario file outside its runs.
+inline const std::vector<std::string> file_keys = {"title",    "hosts", "wire",   "components",
+                                                   "defaults", "order", "repeat", "runs"};
+
 bool is_key(const std::string& path);
-// As meant_of(), among the keys of the same group.
+// As meant_of(), for a run's key: among the keys of the same group.
 std::string meant_of(const std::string& path);
+// As meant_of(), for a key outside the runs.
+std::string meant_in_file(const std::string& key);
 
 // Keys of one scenario, whose hosts must outlive this. Throws Error: file, line, column, message.
 class RunKeys {

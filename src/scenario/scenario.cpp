@@ -71,11 +71,9 @@ class File {
     if (!root.IsMap())
       throw Error(scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
     once_each(scenario_.file, root);
-    const std::vector<std::string> allowed = {"title",    "hosts", "wire",   "components",
-                                              "defaults", "order", "repeat", "runs"};
     for (const auto& entry : root)
-      if (const auto key = entry.first.Scalar(); std::ranges::find(allowed, key) == allowed.end())
-        fail(entry.first, fmt::format("unknown key '{}'{}", key, meant_of(key, allowed)));
+      if (const auto key = entry.first.Scalar(); std::ranges::find(file_keys, key) == file_keys.end())
+        fail(entry.first, fmt::format("unknown key '{}'{}", key, meant_in_file(key)));
     if (const auto title = root["title"]) scenario_.title = scalar(title, "title");
     if (const auto order = root["order"]) scenario_.interleaved = read_order(order);
     const auto runs = root["runs"], components = root["components"];
