@@ -45,6 +45,11 @@ TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   EXPECT_THAT(commands_of(answer_of({one}, kept)),
               Contains("ontime run scenarios/demo.yaml --duration=5s --only a,b --explain --resume --results "
                        "demo.ontime"));
+  auto late = run(1, "a", "udp", {}, 5);
+  amend(late.run.asked, "/command_line",
+        {"ontime", "run", "demo.yaml", "--transports", "udp", "--only", "a,b", "--duration", "5s"});
+  EXPECT_EQ(commands_of(answer_of({late}, kept)).front(),
+            "ontime run demo.yaml --transports udp --duration 5s --only a --explain");
 }
 
 TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {

@@ -30,7 +30,6 @@ bool is_one_of(std::string_view word, Options all) { return std::ranges::find(al
 // "--duration" of "--duration=5s".
 std::string name_of_option(const std::string& word) { return word.substr(0, word.find('=')); }
 
-constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
 constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
                                        "--transports", "--duration", "--explain"};
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
@@ -38,6 +37,7 @@ constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live",
                                               "--resume", "--full",    "--deterministic"};
 constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only", "--transports",
                                                 "--duration"};
+constexpr std::string_view without_only[] = {"--deploy", "--cable", "--transports", "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
 constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
 // Those that name files or interfaces.
@@ -191,7 +191,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if ((found.late->run.asked.explain || is_of_listen(words)) && !file.empty())
       add("Why late", {"ontime", "explain", file});
     else if (is_of_scenario(words) && can_be_named(id))
-      add("Why late", with(again(*found.late, of_the_link), {"--only", id, "--explain"}), true);
+      add("Why late", with(again(*found.late, without_only), {"--only", id, "--explain"}), true);
     else
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
