@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "isolation/groups.hpp"
+#include "own_run.hpp"
 
 namespace ontime::isolation {
 namespace {
@@ -81,6 +82,79 @@ TEST_F(Tree, TellsWhoWasGivenCpus) {
   EXPECT_THAT(owners_of(hierarchy, {3}), ElementsAre(at("system.slice/a.service")));
   EXPECT_THAT(owners_of(hierarchy, {1, 2}), ElementsAre(at("docker"), at("system.slice/a.service")));
   EXPECT_THAT(owners_of(hierarchy, {4}), IsEmpty());
+}
+
+TEST_F(Tree, OwnersThatCannotBeReadAreNotTakenForNone) {
+  const Hierarchy missing{at("missing"), true}, unreadable{root_, true};
+  EXPECT_THAT(test::error_of([&] { owners_of(missing, {0}); }), HasSubstr(at("missing")));
+  fs::create_directories(at("a.slice/cpuset.cpus"));  // which no program can read
+  EXPECT_THAT(test::error_of([&] { owners_of(unreadable, {0}); }), HasSubstr(at("a.slice/cpuset.cpus")));
+}
+
+// The control groups that a process and its children see: a hierarchy of version 2, of files that do nothing.
+class Unified : public testing::Test {
+ protected:
+  static inline const fs::path root = "/sys/fs/cgroup";
+  static void file(const std::string& path, const std::string& text) {
+    fs::create_directories((root / path).parent_path());
+    std::ofstream(root / path) << text << '\n';
+  }
+  static void inside(const std::function<void()>& body) {
+    if (geteuid() != 0) GTEST_SKIP() << "needs root";
+    test::in_child([&] {
+      ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+      ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+      ASSERT_EQ(mount("none", "/run", "tmpfs", 0, "mode=755"), 0);
+      umount2(root.c_str(), MNT_DETACH);
+      ASSERT_EQ(mount("none", root.c_str(), "cgroup2", 0, nullptr), 0);
+      ASSERT_EQ(mount("none", root.c_str(), "tmpfs", 0, nullptr),
+                0);  // and /proc/mounts still names that one
+      file("cgroup.controllers", "cpuset cpu memory");
+      body();
+    });
+  }
+};
+
+TEST_F(Unified, ControllerInUseByAnotherGroupIsNotOursToTurnOff) {
+  inside([] {
+    file("cgroup.subtree_control", "cpu memory");
+    EXPECT_EQ(controller_kind.read("cpuset"), "off");
+    for (const auto& [name, text] : {std::pair("cpu.weight", "100"), std::pair("cpu.max", "max 100000"),
+                                     std::pair("cgroup.subtree_control", "memory")})
+      file(fs::path("a.slice") / name, text);
+    file("ontime-load/cpu.weight", "10");
+    EXPECT_EQ(controller_kind.read("cpu"), "on");
+    file("a.slice/cpu.weight", "200");
+    EXPECT_EQ(controller_kind.read("cpu"), "on, for a.slice");
+    file("a.slice/cpu.weight", "100");
+    // A service in the slice has a weight or a limit. The kernel would refuse to turn the controller off.
+    file("a.slice/cgroup.subtree_control", "cpu memory");
+    EXPECT_EQ(controller_kind.read("cpu"), "on, for a.slice");
+  });
+}
+
+TEST_F(Unified, GroupMadeByAnotherProgramIsLeft) {
+  inside([] {
+    const std::string load = "cpu/ontime-load";
+    const auto folder = root / "ontime-load";
+    journal::Journal journal(kinds());
+    fs::create_directory(folder);
+    EXPECT_THAT(test::error_of([&] { journal.change(group_kind, load, journal::to_be_made); }),
+                HasSubstr("sudo rmdir " + folder.string()));
+    EXPECT_THAT(journal.take_back(group_kind, load), IsEmpty());
+    EXPECT_TRUE(fs::exists(folder));
+    fs::remove(folder);
+    journal.change(group_kind, load, journal::to_be_made);
+    EXPECT_THAT(journal.take_back(group_kind, load), IsEmpty());
+    EXPECT_FALSE(fs::exists(folder));
+    journal.change(group_kind, load, journal::to_be_made);
+    const auto ours = group_kind.read(load);
+    fs::remove(folder);
+    fs::create_directory(folder);
+    EXPECT_THAT(test::error_of([&] { group_kind.write(load, {}, ours); }), HasSubstr("made it anew"));
+    EXPECT_THAT(journal.revert(), ElementsAre(HasSubstr("another program has changed it")));
+    EXPECT_TRUE(fs::exists(folder));
+  });
 }
 
 TEST(Group, GroupOfAnotherNameIsNeverTouched) {

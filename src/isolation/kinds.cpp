@@ -107,14 +107,22 @@ void write_group(const std::string& what, const Value& value, const Value& prese
   remove_group(what);
 }
 
-std::string control_file(const std::string& controller) {
-  const auto root = hierarchy_of(controller);
+std::string unified_root(const std::string& controller) {
+  auto root = hierarchy_of(controller);
   if (!root.unified)
     throw journal::Error(fmt::format("controller '{}' has meanwhile moved to cgroup v1", controller));
-  return root.folder + "/cgroup.subtree_control";
+  return std::move(root.folder);
 }
 
-// A group with a setting of this controller; "": none.
+constexpr const char* passed_on = "/cgroup.subtree_control";
+
+bool is_passed_on(const std::string& group, const std::string& controller) {
+  const auto to = ' ' + read_file(group + passed_on).value_or("") + ' ';
+  return to.find(' ' + controller + ' ') != to.npos;
+}
+
+// A group that has changed a setting of this controller, or passes the controller on to groups below it (then
+// the kernel refuses to turn it off); "": none.
 std::string user_of(const std::string& controller) {
   const auto root = hierarchy_of(controller).folder;
   for (const auto& name : settings::names_in(root)) {
@@ -125,20 +133,19 @@ std::string user_of(const std::string& controller) {
     };
     const bool as_born = controller == "cpuset" ? is("cpuset.cpus", "") && is("cpuset.mems", "")
                                                 : is("cpu.weight", "100") && is("cpu.max", "max 100000");
-    if (!as_born) return name;
+    if (!as_born || is_passed_on(fmt::format("{}/{}", root, name), controller)) return name;
   }
   return "";
 }
 
 Value read_controller(const std::string& controller) {
-  const auto on = ' ' + read_file(control_file(controller)).value_or("") + ' ';
-  if (on.find(' ' + controller + ' ') == on.npos) return "off";
+  if (!is_passed_on(unified_root(controller), controller)) return "off";
   const auto user = user_of(controller);
   return user.empty() ? "on" : "on, for " + user;
 }
 
 void write_controller(const std::string& controller, const Value& value, const Value&) {
-  write_file(control_file(controller), (value == "on" ? "+" : "-") + controller);
+  write_file(unified_root(controller) + passed_on, (value == "on" ? "+" : "-") + controller);
 }
 
 bool is_root(const std::string& what) { return what == "root"; }
