@@ -173,6 +173,23 @@ TEST_F(Settings, AJournalThatIsFullRefusesAndIsKeptUsable) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
+TEST_F(Settings, AFullDiskRefusesAllChangesAndKeepsNoJournal) {
+  if (!test::has_own_run) GTEST_SKIP() << "needs root";
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/run", "tmpfs", 0, "size=4k"), 0);
+    write_file("/run/full", std::string(4096, 'x'));
+    Journal journal(settings);
+    EXPECT_THAT(error_of([&] { journal.change(governor, one_, "performance"); }), HasSubstr("No space left"));
+    EXPECT_EQ(read_file(one_), "powersave");
+    EXPECT_TRUE(there_is_no_folder());
+    fs::remove("/run/full");
+    journal.change(governor, one_, "performance");
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_EQ(read_file(one_), "powersave");
+  });
+}
+
 TEST_F(Settings, SettingsOfAKilledProcessAreRestored) {
   Victim victim(
       [&](Journal& journal) {

@@ -108,6 +108,42 @@ TEST(Cpus, OfflineCpusAreLeftOut) {
   });
 }
 
+// Of names of one length: a file of the kernel is written as a whole, these are only overwritten.
+TEST(Cpus, GovernorIsSetWhereItExistsAndGivenBack) {
+  if (geteuid() != 0 || !test::has_own_run) GTEST_SKIP() << "needs root";
+  in_child([] {
+    const std::string cpus = "/sys/devices/system/cpu";
+    const auto file = [&](const std::string& path) { return cpus + "/" + path; };
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("", "/", "", MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("tmpfs", cpus.c_str(), "tmpfs", 0, nullptr), 0);
+    std::ofstream(file("online")) << "0-1";
+    for (const auto* cpu : {"cpu0/cpufreq", "cpu1/cpufreq"}) {
+      std::filesystem::create_directories(file(cpu));
+      std::ofstream(file(cpu) + "/scaling_governor") << "powersave\n";
+      std::ofstream(file(cpu) + "/scaling_available_governors") << "userspace powersave \n";
+    }
+    const auto governors = [&] {
+      return text_of(file("cpu0/cpufreq/scaling_governor")) + " " +
+             text_of(file("cpu1/cpufreq/scaling_governor"));
+    };
+    journal::Journal journal(kinds());
+    for (const auto* other : {"user", "ondemand"})
+      EXPECT_THAT(error_of([&] {
+                    apply(journal, {{"governor", other}}, {});
+                  }),
+                  AllOf(StartsWith("governor: cpu0 has no governor"), HasSubstr("userspace powersave")));
+    std::ofstream(file("cpu1/cpufreq/scaling_available_governors")) << "powersave";
+    EXPECT_THAT(error_of([&] { apply(journal, {{"governor", "userspace"}}, {}); }), HasSubstr("cpu1"));
+    EXPECT_EQ(governors(), "powersave powersave") << "none is changed where one cannot be";
+    std::ofstream(file("cpu1/cpufreq/scaling_available_governors")) << "powersave userspace";
+    const auto changes = apply(journal, {{"governor", "userspace"}}, {});
+    EXPECT_EQ(governors(), "userspace userspace");
+    EXPECT_THAT(take_back(journal, changes), IsEmpty());
+    EXPECT_EQ(governors(), "powersave powersave");
+  });
+}
+
 // --- on an interface of our own: a veth pair in a network namespace that only this process is in
 
 class OnVeth : public testing::Test {
