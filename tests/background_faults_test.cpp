@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // The link's faults, on the loopback of network namespaces of their own.
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -9,6 +13,7 @@
 #include "background/background.hpp"
 #include "background/child.hpp"
 #include "background/kinds.hpp"
+#include "own_run.hpp"
 
 namespace ontime::background {
 namespace {
@@ -197,6 +202,95 @@ TEST_F(LinkFaults, TableReplacedByAnotherProcessIsLeft) {
   EXPECT_THAT(journal_.take_back(table_kind, what),
               testing::ElementsAre(HasSubstr("another program has changed it")));
   EXPECT_TRUE(table_kind.read(what)) << "it is left";
+}
+
+// A tc that keeps the root qdisc of all interfaces in a file, and refuses one below it.
+class Disciplines : public testing::Test {
+ protected:
+  void inside(const std::function<void()>& body) const {
+    if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
+    test::in_child([&] {
+      ASSERT_EQ(unshare(CLONE_NEWNET | CLONE_NEWNS), 0);
+      ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+      ASSERT_EQ(mount("none", "/run", "tmpfs", 0, "mode=755"), 0);
+      std::filesystem::create_directory("/run/bin");
+      std::ofstream("/run/bin/tc") << R"(#!/bin/sh
+case "$*" in
+  "-statistics -json qdisc show dev lo") cat /run/statistics ;;
+  "-json qdisc show dev lo") cat /run/qdiscs ;;
+  "qdisc add dev lo root handle 6f74: "*)
+    echo "[{\"kind\": \"$8\", \"handle\": \"6f74:\", \"root\": true}]" >/run/qdiscs ;;
+  "qdisc del dev lo root") echo '[]' >/run/qdiscs ;;
+  *) echo "refused: $*"; exit 2 ;;
+esac
+)";
+      std::filesystem::permissions("/run/bin/tc", std::filesystem::perms::owner_all);
+      test::set("PATH", std::string("/run/bin:") + std::getenv("PATH"));  // NOLINT(concurrency-mt-unsafe)
+      qdiscs("[]");
+      body();
+    });
+  }
+  static void qdiscs(const std::string& json) { std::ofstream("/run/qdiscs") << json << '\n'; }
+  static std::string qdiscs() {
+    std::ifstream file("/run/qdiscs");
+    std::string line;
+    std::getline(file, line);
+    return line;
+  }
+  static constexpr const char* etf = "etf clockid CLOCK_TAI delta 300000";
+  const Link::Place here_{"controller", "", "lo"};
+};
+
+TEST_F(Disciplines, OneThatIsRefusedBelowAnotherLeavesNone) {
+  inside([&] {
+    journal::Journal journal(kinds());
+    const Faults faults{.qdisc = std::string("prio bands 3 below 1 ") + etf};
+    EXPECT_THAT(
+        test::error_of([&] { Link(journal, here_, faults, {}); }),
+        testing::AllOf(HasSubstr("below 1: "),
+                       HasSubstr("refused: qdisc add dev lo parent 6f74:1 handle 6f75: etf clockid")));
+    EXPECT_EQ(qdiscs(), "[]");
+    EXPECT_THAT(nft("list ruleset"), IsEmpty());
+    EXPECT_THAT(journal.revert(), IsEmpty());
+  });
+}
+
+TEST_F(Disciplines, OneOfAnotherProgramIsLeft) {
+  inside([&] {
+    journal::Journal journal(kinds());
+    const std::string others = R"([{"kind": "tbf", "handle": "8001:", "root": true}])";
+    qdiscs(others);
+    EXPECT_THAT(test::error_of([&] { Link(journal, here_, {.qdisc = etf}, {}); }),
+                HasSubstr("tc qdisc del dev lo root"));
+    EXPECT_EQ(qdiscs(), others);
+    qdiscs("[]");
+    {
+      const Link link(journal, here_, {.qdisc = etf}, {});
+      qdiscs(others);
+    }
+    EXPECT_EQ(qdiscs(), others);
+  });
+}
+
+TEST_F(Disciplines, MessagesAreCountedOverAllEtfUntilAnotherRemovesThem) {
+  inside([&] {
+    {
+      journal::Journal journal(kinds());
+      const Link link(journal, here_, {.qdisc = etf}, {});
+      EXPECT_THAT(qdiscs(), HasSubstr("etf"));
+      std::ofstream("/run/statistics") << R"([{"kind": "mqprio", "packets": 90, "drops": 9},
+        {"kind": "etf", "packets": 5, "drops": 1}, {"kind": "etf", "packets": 7, "drops": 2}])";
+      const auto counts = link.counts();
+      ASSERT_TRUE(counts.etf);
+      EXPECT_EQ(counts.etf->launched, 12U);
+      EXPECT_EQ(counts.etf->dropped, 3U);
+      for (const auto& [said, words] : {std::pair("[]", "another process removed it"), {"", "not JSON"}}) {
+        std::ofstream("/run/statistics") << said;
+        EXPECT_THAT(test::error_of([&] { link.counts(); }), HasSubstr(words));
+      }
+    }
+    EXPECT_EQ(qdiscs(), "[]");
+  });
 }
 
 TEST_F(LinkFaults, NothingElseIsEverTouched) {

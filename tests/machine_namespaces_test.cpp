@@ -237,6 +237,38 @@ TEST_F(Namespaces, AreNotJoinedByWhatWouldNotComeBack) {
   iproute2({"ip", "link", "delete", "ontime-left"});
 }
 
+// A veth pair, which /sys shows as hardware: two network cards with a cable between them.
+TEST_F(Namespaces, CableIsUsedUnlessAProgramMayUseAnEnd) {
+  in_child([] {
+    ASSERT_EQ(unshare(CLONE_NEWNET | CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/sys/class/net", "tmpfs", 0, nullptr), 0);
+    for (const auto* name : {"card0", "card1"})
+      fs::create_directories(fs::path("/sys/class/net") / name / "device");
+    iproute2({"ip", "link", "add", "card0", "type", "veth", "peer", "name", "card1"});
+    const Cable cable{"card0", "card1"};
+    journal::Journal journal;
+    const auto refused = [&] { return error_of([&] { join_namespaces(journal, {"component"}, cable); }); };
+    iproute2({"ip", "link", "set", "card1", "up"});
+    EXPECT_THAT(refused(), HasSubstr("ip link set card1 down"));
+    iproute2({"ip", "link", "set", "card1", "down"});
+    iproute2({"ip", "address", "add", "10.9.8.1/24", "dev", "card0"});
+    EXPECT_THAT(refused(), HasSubstr("ip address flush dev card0"));
+    EXPECT_FALSE(exist());
+    iproute2({"ip", "address", "flush", "dev", "card0"});
+
+    const auto ends = join_namespaces(journal, {"component"}, cable);
+    EXPECT_EQ(interface_to(ends[1].address, ends[0].name), "card0");
+    EXPECT_EQ(interface_to(ends[0].address, ends[1].name), "card1");
+    const int component = socket_in(ends[1].name, ends[1].address);
+    const int controller = socket_in(ends[0].name, ends[0].address);
+    send_to(controller, ends[1].address);
+    EXPECT_TRUE(arrives(component));
+    for (const int fd : {controller, component}) close(fd);
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_FALSE(exist());
+  });
+}
+
 TEST_F(Namespaces, NamespacesOfAKilledProcessAreRemoved) {
   test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal)[1].name; });
   ASSERT_EQ(victim.said(), "ontime-component");

@@ -133,7 +133,7 @@ Value read_qdisc(const std::string& what) {
   return found;
 }
 
-// All of it, or nothing.
+// After an error the journal removes the root, and all below it.
 void make_qdisc(const std::string& interface, const std::string& words) {
   const auto all = disciplines_of(words);
   tc(make_root(interface, all.front().words));
@@ -145,7 +145,6 @@ void make_qdisc(const std::string& interface, const std::string& words) {
       command.insert(command.end(), all[i].words.begin(), all[i].words.end());
       tc(command);
     } catch (const Error& error) {
-      tc({"qdisc", "del", "dev", interface, "root"});
       throw Error(fmt::format("below {}: {}", all[i].below, error.what()));
     }
 }
