@@ -7,6 +7,7 @@
 
 #include "isolation/groups.hpp"
 #include "own_run.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::isolation {
 namespace {
@@ -154,6 +155,31 @@ TEST_F(Unified, GroupMadeByAnotherProgramIsLeft) {
     EXPECT_THAT(test::error_of([&] { group_kind.write(load, {}, ours); }), HasSubstr("made it anew"));
     EXPECT_THAT(journal.revert(), ElementsAre(HasSubstr("another program has changed it")));
     EXPECT_TRUE(fs::exists(folder));
+  });
+}
+
+TEST_F(Unified, RefusedIsolationLeavesNothing) {
+  if (cpus_of_thread(0).size() < 2) GTEST_SKIP() << "needs two CPUs";
+  inside([] {
+    const auto cpus = cpus_of_thread(0);
+    file("cpuset.cpus.effective", realtime::list_of(cpus));
+    file("cgroup.subtree_control", "cpu");
+    journal::Journal journal(kinds());
+    const auto refused = [&](const Wish& wish) {
+      return test::error_of([&] { const Isolation isolation(journal, wish); });
+    };
+    // The kernel of these groups has no limits.
+    EXPECT_THAT(refused({.cpus = "", .load_quota = 0.5}),
+                HasSubstr("isolation.load-quota: this kernel has no cpu.max"));
+    EXPECT_THAT(refused({.cpus = "", .load_weight = 10}), HasSubstr("no cpu.weight"));
+    // This thread would have no CPU left.
+    set_cpus(0, {cpus.back()});
+    EXPECT_THAT(refused({.cpus = std::to_string(cpus.back())}), HasSubstr("threads are bound to CPUs"));
+    file("docker/cpuset.cpus", std::to_string(cpus.back()));
+    EXPECT_THAT(refused({.cpus = std::to_string(cpus.back())}), HasSubstr((root / "docker").string()));
+    for (const auto* group : {"ontime-robot", "ontime-load"}) EXPECT_FALSE(fs::exists(root / group)) << group;
+    EXPECT_EQ(controller_kind.read("cpuset"), "off");
+    EXPECT_THAT(journal.revert(), IsEmpty());
   });
 }
 
