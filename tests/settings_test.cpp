@@ -7,6 +7,7 @@
 #include <memory>
 #include <sstream>
 
+#include <fmt/format.h>
 #include <net/if.h>
 #include <sys/prctl.h>
 #include <sys/stat.h>
@@ -336,6 +337,24 @@ TEST_F(OnVeth, InterfaceMovedAwayIsReportedAndStaysInTheJournal) {
     ASSERT_EQ(std::system("ip -n ontime-other link set left netns $PPID"), 0);
     EXPECT_THAT(take_back(journal, changes), IsEmpty());
     EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
+  });
+}
+
+TEST_F(OnVeth, InterfaceMovedIntoAContainerIsReportedUntilThatEnds) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto changes = apply(journal, {{"rps", "0"}}, left);
+    test::Victim container([](journal::Journal&) {  // its namespace has no name
+      EXPECT_EQ(unshare(CLONE_NEWNET), 0);
+      return "made";
+    });
+    ASSERT_EQ(container.said(), "made");
+    ASSERT_EQ(std::system(fmt::format("ip link set left netns {}", container.pid()).c_str()), 0);
+    EXPECT_THAT(take_back(journal, changes),
+                testing::ElementsAre(AllOf(HasSubstr("left"), HasSubstr("another network namespace"))));
+    container.kill_9();
+    container.wait();
+    EXPECT_THAT(take_back(journal, changes), IsEmpty()) << "the interface went with it";
   });
 }
 
