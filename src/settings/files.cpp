@@ -149,7 +149,7 @@ std::optional<std::string> name_now(const std::string& interface_or_queue) {
   const auto index = static_cast<unsigned>(std::stoul(interface_or_queue));
   std::array<char, IF_NAMESIZE> name{};
   if (if_indextoname(index, name.data()) != nullptr) return name.data() + interface_or_queue.substr(slash);
-  // In another namespace it keeps its name, or else usually its index.
+  // One that was renamed on its way is not found: there, its index may be any interface's.
   const auto before = name_of_interface(interface_or_queue.substr(0, slash));
   if (geteuid() == 0 && in_another_namespace([&] { return if_nametoindex(before.c_str()) != 0; }))
     throw journal::Error(

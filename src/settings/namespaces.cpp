@@ -27,8 +27,9 @@ bool in_another_namespace(const std::function<bool()>& is_so) {
     struct stat status {};
     const bool is_new =
         fd >= 0 && fstat(fd, &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
-    if (is_new && setns(fd, CLONE_NEWNET) == 0) found = found || is_so();
+    const bool entered = is_new && setns(fd, CLONE_NEWNET) == 0;
     if (fd >= 0) close(fd);
+    if (entered) found = found || is_so();
   };
   const auto look_at_all = [&] {  // which goes from one to the next
     if (unshare(CLONE_NEWNS) != 0 || mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0)
