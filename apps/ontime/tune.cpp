@@ -100,6 +100,11 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
   if (!text.empty()) print_error(text);
 }
 
+// For settings, and for root's journal, which lists what was applied.
+void need_root(const char* what) {
+  if (geteuid() != 0) throw Error(3, fmt::format("tune {} needs root. Fix: {}", what, campaign::as_root()));
+}
+
 int apply(const TuneArguments& arguments) {
   auto run = run_of(arguments);
   std::set<std::string> stated;
@@ -131,6 +136,7 @@ int apply(const TuneArguments& arguments) {
     print_lines(lines);
     return 0;
   }
+  need_root("apply");
   // Signals are caught, so that none comes between the last change and keep().
   auto& interrupts = catch_interrupts();
   print_errors(journal::revert_abandoned(keeper::kinds()));
@@ -176,11 +182,6 @@ int show(const TuneArguments& arguments) {
   else
     print(text);
   return 0;
-}
-
-// Only root can read root's journal, which lists what was applied.
-void need_root(const char* what) {
-  if (geteuid() != 0) throw Error(3, fmt::format("tune {0} needs root. Fix: sudo ontime tune {0}", what));
 }
 
 int verify(const TuneArguments& arguments) {

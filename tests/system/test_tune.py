@@ -252,6 +252,13 @@ class Tune(unittest.TestCase):
         finally:
             subprocess.run(["ip", "netns", "delete", "tune-test"], check=True)
 
+    def test_an_ordinary_user_gets_the_command_that_works(self):
+        user = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+        for words in ("apply --set busy-poll=9", "verify", "revert"):
+            answer = subprocess.run([*user, ONTIME, "tune", *words.split()], capture_output=True, text=True, timeout=120)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertRegex(answer.stderr, rf"\Aontime: .* Fix: sudo \S+ tune {words}\n\Z")
+
     def test_wrong_input_is_said_and_nothing_is_changed(self):
         for arguments, code, words in (
                 (["apply"], 2, "--set"),
