@@ -213,6 +213,41 @@ TEST_F(Recorder, WorstOfOneDelayStandsForAll) {
   EXPECT_EQ(statistics::summarise(reader).at(0).late, 3u);
 }
 
+TEST_F(Recorder, OfManyDelaysAtOnceTheWorstAreKept) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  for (const auto late_ms : {70, 200, 90, 150, 80, 120}) {
+    period(results, 1, late_ms * ms);
+    results.note(miss(1, late_ms * ms));
+    for (int i = 0; i < 5; ++i) period(results, 1, 50 * ms);
+  }
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false);
+  std::vector<std::int64_t> kept;
+  const record::Reader reader(path_);
+  reader.each_trace(1, [&](const record::Trace& trace) {
+    kept.push_back((trace.window.span.to_ns - trace.window.span.from_ns) / ms - 100);
+  });
+  EXPECT_THAT(kept, testing::UnorderedElementsAre(200, 90, 150, 120));
+}
+
+// A topic at 100 Hz is silent after some 15 ms.
+TEST(ListenWords, ShortSilenceHasItsLengthAndOneMessageIsOne) {
+  listen::Flow flow;
+  flow.messages = 1;
+  flow.silent_ns = 40 * ms;
+  const auto text = text_of(flow, {});
+  EXPECT_THAT(text, testing::HasSubstr("SILENT for the last 40.0 ms "));
+  EXPECT_THAT(text, testing::HasSubstr(" 1 message\n"));
+  flow.silent_ns = 2000 * ms;
+  flow.messages = 2;
+  const auto longer = text_of(flow, {});
+  EXPECT_THAT(longer, testing::HasSubstr("SILENT for the last 2.0 s "));
+  EXPECT_THAT(longer, testing::HasSubstr(" 2 messages\n"));
+}
+
 TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);

@@ -82,19 +82,22 @@ std::string text_of(const listen::Chain& chain, const listen::ChainPath& path) {
 std::string remarks_of(const listen::Chain& chain) {
   const auto& wish = chain.wish;
   std::string text;
+  const auto messages = [](std::uint64_t count) {
+    return table::many(count, "message was", "messages were");
+  };
   const auto add = [&](const std::string& remark) { text += table::wrapped(remark, text_width, "  "); };
   for (std::size_t part = 0; part < chain.ended.size(); ++part) {
     if (chain.ended[part] == 0) continue;
     const auto topic = topic_name(wish, part / 2);
     add(part % 2 == 0
-            ? fmt::format("{}: {} messages were not taken by a node of the chain", topic, chain.ended[part])
-            : fmt::format("{}: {} messages were taken without a following {} (may be intended)", topic,
-                          chain.ended[part], topic_name(wish, part / 2 + 1)));
+            ? fmt::format("{}: {} not taken by a node of the chain", topic, messages(chain.ended[part]))
+            : fmt::format("{}: {} taken without a following {} (may be intended)", topic,
+                          messages(chain.ended[part]), topic_name(wish, part / 2 + 1)));
   }
   for (std::size_t topic = 1; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.without_take[topic]; count > 0)
-      add(fmt::format("{}: {} messages were published without a preceding take of {}{}",
-                      topic_name(wish, topic), count, topic_name(wish, topic - 1),
+      add(fmt::format("{}: {} published without a preceding take of {}{}", topic_name(wish, topic),
+                      messages(count), topic_name(wish, topic - 1),
                       wish.steps[topic].is_of_latest
                           ? " by their process"
                           : fmt::format(" in the same callback. If a timer or another thread publishes: "
@@ -102,10 +105,10 @@ std::string remarks_of(const listen::Chain& chain) {
                                         topic_name(wish, topic))));
   for (std::size_t topic = 0; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.unknown_takes[topic]; count > 0)
-      add(fmt::format(
-          "{}: {} takes have an unknown publish: the writer was not recognized yet, is on another "
-          "machine, published from two threads at once, or published too long ago",
-          topic_name(wish, topic), count));
+      add(
+          fmt::format("{}: {} an unknown publish: the writer was not recognized yet, is on another "
+                      "machine, published from two threads at once, or published too long ago",
+                      topic_name(wish, topic), table::many(count, "take has", "takes have")));
   if (chain.silent_ns > 0)
     add(fmt::format("SILENT: no known arrival for the last {:.1f} s",
                     static_cast<double>(chain.silent_ns) / 1e9));

@@ -120,14 +120,17 @@ std::string open_age_of(const listen::Flow& flow) {
 }
 
 std::string silence_of(const listen::Flow& flow) {
-  return fmt::format("for {}{:.1f} s{}", flow.was_replaced ? "" : "the last ",
-                     static_cast<double>(flow.silent_ns) / 1e9,
+  const auto time = flow.silent_ns < 1'000'000'000
+                        ? in_rounded_ms(flow.silent_ns) + " ms"
+                        : fmt::format("{:.1f} s", static_cast<double>(flow.silent_ns) / 1e9);
+  return fmt::format("for {}{}{}", flow.was_replaced ? "" : "the last ", time,
                      flow.was_replaced ? " until it started again" : "");
 }
 
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
-  auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
-                          spread_of(flow.period), age_of(flow));
+  auto text =
+      fmt::format("{}  {}\n    period {}\n    {}\n   ", way_of(flow),
+                  table::many(flow.messages, "message", "messages"), spread_of(flow.period), age_of(flow));
   const auto unknown = is_age_known(flow) ? flow.age_unknown.value_or(0) : 0;
   const auto ahead = flow.stamp_ahead.value_or(0);
   const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);
