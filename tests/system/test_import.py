@@ -5,10 +5,12 @@
 import contextlib
 import hashlib
 import json
+import os
 import re
 import shutil
 import sqlite3
 import struct
+import subprocess
 import unittest
 
 import results
@@ -44,6 +46,12 @@ class Import(results.Results):
         other = self.folder / "other.ontime"
         shutil.copy(self.results, other)
         self.assertIn("no confidence interval", self.ontime("compare", self.results, other).stdout)
+        self.import_file(HISTOGRAM.replace("Overflows: 00000", "Overflows: 00001").replace("Max Latencies: 00002", "Max Latencies: 00090"))
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        imported = [run["imported"] for run in runs]
+        self.assertIsNone(imported[0])
+        self.assertEqual([(one["file"], one["values"], one["beyond"], one["beyond_from_us"], one["resolution_us"]) for one in imported[1:]],
+                         [("old.txt", 4, 0, None, 1), ("old.txt", 5, 1, 3, 1)])
 
     def test_what_is_wrong_changes_nothing(self):
         self.measured()
@@ -138,6 +146,36 @@ class Import(results.Results):
             database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(99, ?, '')", (self.START,))
         self.ontime("import", "bad.db3", "--results", self.results, code=2)
         self.assertEqual(self.ontime("report", self.results, "--format", "json").stdout, before)
+
+    def test_log_of_a_bag_is_not_left_out_where_it_cannot_be_read(self):
+        folder = self.folder / "read-only"
+        folder.mkdir()
+        live = self.bag([10]) / "drive_0.db3"
+        with contextlib.closing(sqlite3.connect(live)) as database:
+            database.execute("PRAGMA journal_mode = WAL")
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, '')", (self.START + 10**9,))
+            database.commit()
+            for suffix in ("", "-wal"):
+                shutil.copy(f"{live}{suffix}", folder / f"killed.db3{suffix}")
+        shutil.copy(live, folder / "ended.db3")
+        folder.chmod(0o555)
+        self.addCleanup(folder.chmod, 0o755)
+        bounded = ["setpriv", "--bounding-set", "-all"] if os.geteuid() == 0 else []  # root may write there, too
+
+        def read(name):
+            return subprocess.run([*bounded, results.ONTIME, "import", folder / name, "--format", "json"], capture_output=True, text=True, timeout=60)
+        killed, ended = read("killed.db3"), read("ended.db3")
+        self.assertEqual(killed.returncode, 3, killed.stderr)
+        self.assertIn("killed.db3-wal", killed.stderr)
+        self.assertEqual(ended.returncode, 0, ended.stderr)
+        self.assertEqual(json.loads(ended.stdout)["flows"][0]["messages"], 3)
+
+    def test_bag_that_another_program_has_locked_is_no_damaged_one(self):
+        bag = self.bag([10])
+        with contextlib.closing(sqlite3.connect(bag / "drive_0.db3", isolation_level=None)) as database:
+            database.execute("BEGIN EXCLUSIVE")
+            self.assertIn("locked", self.ontime("import", bag, code=3).stderr)
+        self.ontime("import", bag)
 
     def test_what_is_asked_of_a_bag_in_vain_is_refused(self):
         bag = self.bag([10])

@@ -5,6 +5,7 @@
 import json
 import os
 import pathlib
+import shutil
 import struct
 import subprocess
 import tempfile
@@ -45,6 +46,38 @@ class Input(unittest.TestCase):
         done = subprocess.run([ONTIME, "listen", "--budget", "1%", "--packets", "lo"], capture_output=True, text=True, timeout=60)
         self.assertEqual(done.returncode, 2, done.stderr)
         self.assertIn("--budget", done.stderr)
+
+    def test_reader_that_cannot_be_is_refused(self):
+        def read(program, code, **more):
+            environment = {name: value for name, value in os.environ.items() if name not in ("ONTIME_TRANSPORT_PATH", "AMENT_PREFIX_PATH")}
+            done = subprocess.run([program, "listen", "/scan", "--reader"], capture_output=True, text=True, timeout=60, env={**environment, **more})
+            self.assertEqual(done.returncode, code, done.stderr)
+            return done.stderr
+        alone = shutil.copy(ONTIME, self.folder / "ontime")
+        self.assertIn("ontime-transport-fastdds", read(alone, 3))
+        broken = self.folder / "ontime_transport_fastdds.so"
+        broken.write_bytes(b"no library")
+        self.assertIn(str(broken), read(alone, 3, ONTIME_TRANSPORT_PATH=str(self.folder)))
+        # Of a topic's reader the domain is checked first, with whatever transport is installed.
+        self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
+
+    def test_late_messages_beyond_those_that_are_listed_are_counted(self):
+        def packet(number):
+            data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
+            rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
+            udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
+            ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
+            return bytes(12) + b"\x08\0" + ip
+        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)), len(packet(number))) + packet(number) for number in range(1, 3001))
+        (self.folder / "late.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(packets))
+        arguments = [ONTIME, "listen", "--pcap", self.folder / "late.pcap", "--deadline", "500 ms"]
+        done = subprocess.run([*arguments, "--format", "json"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        seen = json.loads(done.stdout)
+        flow, = seen["flows"]
+        self.assertEqual((flow["messages"], flow["late"]), (3000, 2999))
+        self.assertEqual(len(seen["misses"]) + seen["misses_left_out"], flow["late"])
+        self.assertLessEqual(len(seen["misses"]), 1000)
 
     def test_file_that_is_no_capture_is_refused(self):
         (self.folder / "bad.pcap").write_bytes(b"no capture")
