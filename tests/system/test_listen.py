@@ -19,7 +19,7 @@ import unittest
 import urllib.request
 
 from program import eventually, trace_instances
-from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, REALTIME, RMW_NODE, Robot, begin, changed_code, log_of
+from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, REALTIME, RMW_NODE, Robot, begin, changed_code, log_of, until_probed
 
 DDS_STAND_INS = pathlib.Path(RMW_NODE).parent.parent / "tests/listen"
 
@@ -165,6 +165,41 @@ class Listen(Robot):
         self.assertLess(errors[len(errors) // 2], 1_000_000)  # another message's would be 3 ms off; a busy machine delays some logs
         print(f"chain: {len(rows)} ages; below the logs by p50 {errors[len(errors) // 2]} ns, max {errors[-1]} ns", file=sys.stderr)
 
+    def test_table_has_the_ages_of_a_chain_that_are_recorded(self):
+        publisher = self.start(*REALTIME, NODE, "publish", "rt/scan", 4000, 1000, self.folder / "published")
+        relay = self.start(*REALTIME, NODE, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
+        taker = self.start(*REALTIME, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        other = self.start(NODE, "publish", "rt/cmd_vel", 1000, 1000, self.folder / "other")
+        listener = self.start(ONTIME, "listen", "--chain", "/scan,/cmd_vel@10us", "--chain", "/nix,/cmd_vel", "--results", "kept.ontime",
+                              "--budget", "100%", "--output", "seen.txt")
+        until_probed((publisher, relay, taker))
+        begin(publisher)
+        begin(other)
+        self.assertEqual(publisher.wait(600), 0)
+        time.sleep(0.5)
+        listener.send_signal(signal.SIGINT)
+        self.assertEqual(listener.wait(120), 1)
+        text = (self.folder / "seen.txt").read_text()
+        print(text, file=sys.stderr)
+        chain, nix = re.search(r"^(/scan → /cmd_vel within 0\.010 ms\n(?: .*\n)+)(/nix → /cmd_vel\n(?: .*\n)+)", text, re.MULTILINE).groups()
+        self.assertLessEqual(max(map(len, (chain + nix).splitlines())), 80, text)
+        self.assertIn("no message arrived", nix)
+        rows = re.findall(r"^ +(\d+) % +([0-9.]+) +([0-9.]+) +([0-9.]+)   +(.+)$", chain, re.MULTILINE)
+        shares = [int(row[0]) for row in rows]
+        self.assertEqual((len(rows), shares[0]), (4, 100), text)
+        self.assertAlmostEqual(sum(shares[1:]), 100, delta=1)
+        ages = self.kept()[0]["/scan → /cmd_vel age"]
+        late = sum(fate == LATE for _, fate in ages)
+        self.assertGreater(late, 0)
+        self.assertEqual(rows[0][4], f"{len(ages)} arrived, {late} of them late")
+        self.assertAlmostEqual(float(rows[0][3]) * 1e6 / max(age for age, _ in ages), 1, delta=0.01)
+        self.assertAlmostEqual(float(rows[0][1]) * 1e6 / statistics.median_low(age for age, _ in ages), 1, delta=0.05)
+        self.assertEqual([row[4] for row in rows[1:]], [f"/scan → listen_node [{relay.pid}]", f"in listen_node [{relay.pid}]",
+                                                        f"/cmd_vel → listen_node [{taker.pid}]"])
+        # The other publisher took nothing.
+        self.assertRegex(chain, r"/cmd_vel: \d+ messages were\s+published")
+        self.assertRegex(text, r"budget +100 % of one CPU for ontime")
+
     def test_chain_of_topics_that_no_node_joins_has_no_age(self):
         publisher, taker = self.pair(2000)
         other = self.start(NODE, "publish", "rt/scan", 1, 1000, self.folder / "other")
@@ -226,6 +261,8 @@ class Listen(Robot):
         nodes = self.pair(100)
         listener = self.listen(nodes, "--deadline", "1s")
         self.assertTrue(eventually(lambda: "ontime-trace" in trace_instances()))
+        beside = subprocess.run([ONTIME, "listen", "--deadline", "1s", "--for", "1 s"], capture_output=True, text=True, timeout=60)
+        self.assertRegex(beside.stderr, rf"not explained: .*process {listener.pid}")
         listener.kill()
         listener.wait()
         subprocess.run([ONTIME, "listen", "--deadline", "1s", "--for", "1 s"], capture_output=True, timeout=60)
@@ -234,7 +271,8 @@ class Listen(Robot):
     def test_budget_that_is_exceeded_makes_pauses_and_says_so(self):
         publisher, taker = nodes = self.pair(10_000_000, period_us=100)
         begin(publisher)
-        listener = subprocess.Popen([ONTIME, "listen", "/cmd_vel", "--deadline", "1h", "--budget", "3%", "--format", "json"],
+        listener = subprocess.Popen([ONTIME, "listen", "/cmd_vel", "--deadline", "1h", "--budget", "3%", "--format", "json",
+                                     "--results", "kept.ontime"],
                                     stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder)
         self.addCleanup(lambda: (listener.kill(), listener.wait(), listener.stdout.close(), listener.stderr.close()))
         self.assertIn("not explained", listener.stderr.readline())
@@ -252,6 +290,8 @@ class Listen(Robot):
         self.assertEqual((budget["cpu_share"], budget["kernel_events_left_out"]), (0.03, True))
         self.assertGreaterEqual(budget["pauses"], 2)
         self.assertTrue(0 < budget["listened_share"] < 1, budget)
+        report = subprocess.run([ONTIME, "report", "kept.ontime", "--full"], capture_output=True, text=True, cwd=self.folder, timeout=60).stdout
+        self.assertRegex(report, rf"listened\s+\d+\s+%\s+of\s+the\s+time,\s+with\s+{budget['pauses']}\s+pauses")
         # What was not seen is not lost, and no silence.
         flow, = seen["flows"]
         taken = log_of(self.folder / "taken")
@@ -341,10 +381,14 @@ class Listen(Robot):
         unit = (pathlib.Path(__file__).parent.parent.parent / "debian/ontime.ontime-listen.service").read_text()
         names = re.search(r"^CapabilityBoundingSet=(.*)$", unit, re.MULTILINE)[1].lower().replace("cap_", "+").split()
         self.start(RMW_NODE)
-        done = subprocess.run(["setpriv", "--bounding-set", ",".join(["-all", *names]), ONTIME, "listen", "/scan", "--for", "3 s",
-                               "--format", "json"], capture_output=True, text=True, timeout=60)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertEqual(len(json.loads(done.stdout)["flows"]), 1, done.stderr)
+        done = subprocess.run(["setpriv", "--bounding-set", ",".join(["-all", *names]), ONTIME, "listen", "/scan", "--for", "3 s", "--deadline", "1us",
+                               "--results", "kept.ontime", "--keep", "10MB", "--format", "json"], capture_output=True, text=True, timeout=60, cwd=self.folder)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        flow, = json.loads(done.stdout)["flows"]
+        rows, runs = self.kept()
+        self.assertGreaterEqual(runs["/scan period"]["late"], flow["late"])
+        # The worst is kept, also of the last ones. The silence at the end may be longer.
+        self.assertGreaterEqual(max(period for period, _ in rows["/scan period"]), flow["period"]["max_ns"])
 
     def test_metrics_have_the_messages_of_each_topic(self):
         self.start(RMW_NODE)
