@@ -143,6 +143,7 @@ class Listening {
       if (!goes_on) break;
     }
     terminal.does("ending");
+    sort_worst_first(waiting_);
     take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();
     add_unseen(findings);
@@ -213,8 +214,7 @@ class Listening {
     }
   }
 
-  // Misses wait until the events after them are recorded. The worst come first, because only the first are
-  // explained.
+  // If only the worst are kept, misses wait until the events after them are recorded.
   std::vector<listen::Miss> ready(std::vector<listen::Miss> misses) {
     if (!most_bytes_) return misses;
     std::move(misses.begin(), misses.end(), std::back_inserter(waiting_));
@@ -224,10 +224,15 @@ class Listening {
     });
     std::vector<listen::Miss> taken(std::move_iterator(waiting_.begin()), std::move_iterator(waits));
     waiting_.erase(waiting_.begin(), waits);
-    std::ranges::stable_sort(taken, [this](const auto& one, const auto& other) {
+    sort_worst_first(taken);
+    return taken;
+  }
+
+  // Because only the first are explained.
+  void sort_worst_first(std::vector<listen::Miss>& misses) const {
+    std::ranges::stable_sort(misses, [this](const auto& one, const auto& other) {
       return times_its_limit(one) > times_its_limit(other);
     });
-    return taken;
   }
 
   double times_its_limit(const listen::Miss& miss) const {
