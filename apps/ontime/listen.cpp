@@ -266,6 +266,11 @@ class Listening {
   // Only the first of each cause, so that the output stays readable.
   void print(const std::vector<listen::Miss>& misses) {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
+    // A message can miss both limits.
+    std::set<std::tuple<std::string, std::uint32_t, std::int64_t>> all, printed;
+    const auto add = [](auto& to, const listen::Miss& miss) {
+      to.emplace(miss.topic, miss.reader.process, miss.at_ns);
+    };
     std::set<Cause> shown;
     const bool is_explained =
         std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
@@ -273,12 +278,18 @@ class Listening {
       if (shown.size() == listen::most_explained) break;
       if (is_explained && !miss.why) continue;
       const auto why = miss.why.value_or(listen::Why{});
-      if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process}).second)
+      if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process})
+              .second) {
         output_.write(text_of(miss, width_));
+        add(printed, miss);
+      }
     }
-    if (misses.size() > shown.size())
-      output_.write(fmt::format("… and {} more late messages until {}\n", misses.size() - shown.size(),
-                                clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
+    for (const auto& miss : misses) add(all, miss);
+    if (all.size() > printed.size())
+      output_.write(
+          fmt::format("… and {} until {}\n",
+                      table::many(all.size() - printed.size(), "more late message", "more late messages"),
+                      clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
     output_.flush();
   }
 

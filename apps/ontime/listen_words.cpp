@@ -43,7 +43,7 @@ std::string age_of(const listen::Flow& flow) {
 }
 
 std::string sentence_of(const listen::Why& why) {
-  return why.sentence + (why.ns > 0 ? fmt::format(": {:.1f} ms", static_cast<double>(why.ns) / 1e6) : "") +
+  return why.sentence + (why.ns > 0 ? fmt::format(": {} ms", in_rounded_ms(why.ns)) : "") +
          (why.cpu ? fmt::format(", CPU {}", *why.cpu) : "");
 }
 

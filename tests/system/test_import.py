@@ -105,6 +105,13 @@ class Import(results.Results):
         self.assertEqual((flow["period"]["max_ns"], flow["age"]["max_ns"]), (30_000_000, 2_000_000))
         self.ontime("import", bag, "--age", "1ms", code=1)
 
+    def test_message_that_misses_both_limits_is_one_late_message(self):
+        text = self.ontime("import", self.bag([10, 10, 30, 10]), "--deadline", "20ms", "--age", "1ms", code=1).stdout
+        rest = re.search(r"… and (\d+) more late messages? until", text)
+        self.assertRegex(text, r"\b5 of 5\b", text)  # late in all: each has an age of 2 ms
+        printed = len(re.findall(r"(?m)^\S* ?\d\d:\d\d:\d\d\.\d+ ", text))
+        self.assertEqual((printed, int(rest[1])), (1, 4), text)
+
     def test_messages_of_a_bag_become_runs_of_a_results_file(self):
         bag = self.bag([10, 10, 30, 10])
         self.ontime("import", bag, "--deadline", "20ms", "--results", self.results, code=1)
