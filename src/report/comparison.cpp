@@ -300,12 +300,9 @@ ordered_json json_of(const Pair& pair) {
     return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
   });
   const auto metrics = metrics_of(pair);
-  return {{"from", runs_json_of(pair.from)},
-          {"to", runs_json_of(pair.to)},
-          {"repeated", is_repeated(pair)},
-          {"metrics", metrics},
-          {"not_the_same", not_the_same},
-          {"figures", metrics}};  // the earlier name, kept for one version
+  return {{"from", runs_json_of(pair.from)}, {"to", runs_json_of(pair.to)},
+          {"repeated", is_repeated(pair)},   {"metrics", metrics},
+          {"not_the_same", not_the_same},    {"figures", metrics}};  // the earlier name, kept for one version
 }
 
 // Of all runs without a partner, the two that differ least, and their differences.
