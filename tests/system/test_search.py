@@ -60,6 +60,7 @@ class Search(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
         (self.folder / "s.yaml").write_text(SCENARIO)
         self.before = BUSY_POLL.read_text()
+        self.assertEqual(self.before, "0\n", f"as a machine is at first: echo 0 >{BUSY_POLL}")
 
     def command(self, *arguments, goal=EASY, only="one"):
         return [ONTIME, "tune", "search", "./s.yaml", "--goal", goal, "--only", only, "--results", "s.ontime", "--format", "json", *arguments]

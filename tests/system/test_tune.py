@@ -63,6 +63,7 @@ class Tune(unittest.TestCase):
         self.results = os.path.join(self.folder, "results.ontime")
         self.before = state()
         self.assertTrue(all(policy == "SCHED_OTHER" for policy, _ in self.before[0].values()), "as a machine is at first")
+        self.assertEqual(self.before[1], "0\n", f"as a machine is at first: echo 0 >{BUSY_POLL}")
 
     def tearDown(self):
         self.ontime("tune", "revert")
