@@ -266,11 +266,11 @@ class Listening {
   // Only the first of each cause, so that the output stays readable.
   void print(const std::vector<listen::Miss>& misses) {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
-    // A message can miss both limits.
-    std::set<std::tuple<std::string, std::uint32_t, std::int64_t>> all, printed;
-    const auto add = [](auto& to, const listen::Miss& miss) {
-      to.emplace(miss.topic, miss.reader.process, miss.at_ns);
+    const auto message_of = [](const listen::Miss& miss) {
+      return std::tuple(miss.topic, miss.reader.process, miss.at_ns);
     };
+    std::set<decltype(message_of(misses.front()))> rest;  // a message can miss both limits
+    for (const auto& miss : misses) rest.insert(message_of(miss));
     std::set<Cause> shown;
     const bool is_explained =
         std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
@@ -281,15 +281,13 @@ class Listening {
       if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process})
               .second) {
         output_.write(text_of(miss, width_));
-        add(printed, miss);
+        rest.erase(message_of(miss));
       }
     }
-    for (const auto& miss : misses) add(all, miss);
-    if (all.size() > printed.size())
-      output_.write(
-          fmt::format("… and {} until {}\n",
-                      table::many(all.size() - printed.size(), "more late message", "more late messages"),
-                      clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
+    if (!rest.empty())
+      output_.write(fmt::format("… and {} until {}\n",
+                                table::many(rest.size(), "more late message", "more late messages"),
+                                clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
     output_.flush();
   }
 

@@ -109,9 +109,7 @@ std::string remarks_of(const listen::Chain& chain) {
           fmt::format("{}: {} an unknown publish: the writer was not recognized yet, is on another "
                       "machine, published from two threads at once, or published too long ago",
                       topic_name(wish, topic), table::many(count, "take has", "takes have")));
-  if (chain.silent_ns > 0)
-    add(fmt::format("SILENT: no known arrival for the last {:.1f} s",
-                    static_cast<double>(chain.silent_ns) / 1e9));
+  if (chain.silent_ns > 0) add("SILENT: no known arrival for the last " + time_of_silence(chain.silent_ns));
   if (chain.forgotten > 0)
     add(fmt::format("{} messages arrived by other paths, which are not listed{}", chain.forgotten,
                     wish.age ? fmt::format("; {} of them late", chain.forgotten_late) : ""));

@@ -119,11 +119,13 @@ std::string open_age_of(const listen::Flow& flow) {
   return text;
 }
 
+std::string time_of_silence(std::int64_t ns) {
+  return ns < 1'000'000'000 ? in_rounded_ms(ns) + " ms"
+                            : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
+}
+
 std::string silence_of(const listen::Flow& flow) {
-  const auto time = flow.silent_ns < 1'000'000'000
-                        ? in_rounded_ms(flow.silent_ns) + " ms"
-                        : fmt::format("{:.1f} s", static_cast<double>(flow.silent_ns) / 1e9);
-  return fmt::format("for {}{}{}", flow.was_replaced ? "" : "the last ", time,
+  return fmt::format("for {}{}{}", flow.was_replaced ? "" : "the last ", time_of_silence(flow.silent_ns),
                      flow.was_replaced ? " until it started again" : "");
 }
 

@@ -22,7 +22,8 @@ std::string in_rounded_ms(std::int64_t ns);
 std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
-std::string silence_of(const listen::Flow&);  // "for the last 2.0 s", "for the last 40.0 ms"
+std::string time_of_silence(std::int64_t ns);                     // "2.0 s", "40.0 ms"
+std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
 std::string open_age_of(const listen::Flow&);  // why a limit of its age is open; "": it is not
 std::string text_of(const listen::Flow&, const listen::Limits&);

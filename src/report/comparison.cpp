@@ -230,10 +230,10 @@ ordered_json optional(const std::optional<double>& value, double unit) {
 }
 
 // Of two intervals only the one that decides: the other may say otherwise.
-ordered_json json_of(const Row& row, const statistics::Change& change) {
-  const double unit = row.is_share() ? 1 : 1e3;
+ordered_json json_of(const std::string& metric, bool is_share, const statistics::Change& change) {
+  const double unit = is_share ? 1 : 1e3;
   const auto difference_lies = change.ratio ? statistics::Interval() : change.difference_lies;
-  return {{"metric", row.key()},
+  return {{"metric", metric},
           {"from", change.from / unit},
           {"to", change.to / unit},
           {"difference",
@@ -244,7 +244,7 @@ ordered_json json_of(const Row& row, const statistics::Change& change) {
           {"ratio_low", optional(change.ratio_lies.low, 1)},
           {"ratio_high", optional(change.ratio_lies.high, 1)},
           {"verdict", word_of(change.verdict())},
-          {"figure", row.key()}};  // the earlier name, kept for one version
+          {"figure", metric}};  // the earlier name, kept for one version
 }
 
 const char* json_word_of(gate::Judgement::Result result) {
@@ -272,7 +272,8 @@ ordered_json runs_json_of(const Runs& runs) {
 ordered_json metrics_of(const Pair& pair) {
   auto metrics = ordered_json::array();
   for (const auto& row : rows)
-    if (const auto change = change_of(pair, row.times, row.figure)) metrics.push_back(json_of(row, *change));
+    if (const auto change = change_of(pair, row.times, row.figure))
+      metrics.push_back(json_of(row.key(), row.is_share(), *change));
   if (!is_imported(pair)) return metrics;
   const auto values_of = [](const Runs& runs) {
     std::uint64_t values = 0;
@@ -288,9 +289,8 @@ ordered_json metrics_of(const Pair& pair) {
     change.to = to->ns;
     change.is_of_unequal_numbers = figure == Figure::max && more > fewer + fewer / 10;
     if (change.from > 0 && !change.is_of_unequal_numbers) change.ratio = change.to / change.from;
-    metrics.push_back(json_of({Times::round_trip, figure}, change));
-    for (const auto* name : {"metric", "figure"})
-      metrics.back()[name] = std::string("wake_up_us.") + statistics::metric_of(figure).name;
+    metrics.push_back(
+        json_of(std::string("wake_up_us.") + statistics::metric_of(figure).name, false, change));
   }
   return metrics;
 }

@@ -48,6 +48,11 @@ std::string why_not_its_own(const std::string& key, const Hosts& hosts) {
   return "";
 }
 
+// Whether a run has this key, with a value.
+bool is_of_a_run(const std::string& key) {
+  return is_key(key) || is_option(key) || key == "id" || key == "require";
+}
+
 }  // namespace
 
 bool is_key(const std::string& path) {
@@ -56,7 +61,7 @@ bool is_key(const std::string& path) {
 
 std::string meant_in_file(const std::string& key) {
   const auto now = conditions::current_key(key);
-  if (is_key(now) || !key_below(now).empty() || now == "id" || now == "options" || now == "require")
+  if (is_of_a_run(now) || !key_below(now).empty() || now == "options")
     return ": it is a key of runs. Write it below defaults, or in a run";
   return meant_of(key, file_keys);
 }
@@ -98,8 +103,7 @@ Entries RunKeys::flat(const YAML::Node& run) const {
 void RunKeys::check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const {
   const auto key = divided(path).key;
   if (key.empty() || key == "options" || key == "component.options" || !key_below(key).empty()) return;
-  if (is_key(key) || is_option(key) || key == "id" || key == "require")
-    fail_at(file_, map.Mark(), path + ": a value is needed here");
+  if (is_of_a_run(key)) fail_at(file_, map.Mark(), path + ": a value is needed here");
   fail_at(file_, name.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(key)));
 }
 
@@ -123,7 +127,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
       fail_at(file_, entry.first.Mark(),
               fmt::format("{0}: keys of this component are needed here, such as {0}: {{period: 2 ms}}",
                           component));
-    if (!is_key(key) && !is_option(key) && key != "id" && key != "require") {
+    if (!is_of_a_run(key)) {
       if (const auto below = key_below(key); !below.empty())
         fail_at(file_, entry.second.Mark(),
                 fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
