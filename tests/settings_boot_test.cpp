@@ -8,7 +8,7 @@
 
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
-#include "settings_by_name.hpp"
+#include "settings_fixture.hpp"
 
 namespace ontime::settings {
 namespace {

@@ -2,7 +2,7 @@
 // What people write for a setting, and what they are shown.
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
-#include "settings_by_name.hpp"
+#include "settings_fixture.hpp"
 
 namespace ontime::settings {
 namespace {
