@@ -106,6 +106,8 @@ TEST_F(ScenarioFile, ErrorsNameLineAndColumn) {
   for (const auto* key : {"transport", "load", "neighbours", "require"})
     EXPECT_THAT(error(fmt::format("runs: [{{id: a, transport: udp}}]\n{}: 1\n", key)),
                 HasSubstr(fmt::format(":2:1: unknown key '{}': it is a key of runs", key)));
+  EXPECT_THAT(error("id: a\nruns: [{transport: udp}]\n"),
+              HasSubstr(":1:1: unknown key 'id': it is a key of runs. Write it in a run"));
   EXPECT_THAT(error("runs: [{id: a, transport: udp, repeat: 2}]\n"),
               HasSubstr(":1:32: unknown key 'repeat': it is a key of the file"));
   EXPECT_THAT(error("runs: [{transport: udp}]\n"), HasSubstr("a run needs an id"));

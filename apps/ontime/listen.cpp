@@ -5,9 +5,11 @@
 #include <deque>
 #include <filesystem>
 #include <iterator>
+#include <map>
 #include <numeric>
 #include <set>
 #include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -64,6 +66,24 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
   throw campaign::Error(2, fmt::format("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep));
 }
+
+// A message can miss both limits, and several can arrive at the same time.
+class LateMessages {
+ public:
+  void add(const listen::Miss& miss) {
+    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
+    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
+  }
+  std::size_t count() const {
+    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
+      return sum + std::max(one.second.first, one.second.second);
+    });
+  }
+
+ private:
+  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
+  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
+};
 
 class Listening {
  public:
@@ -266,11 +286,8 @@ class Listening {
   // Only the first of each cause, so that the output stays readable.
   void print(const std::vector<listen::Miss>& misses) {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
-    const auto message_of = [](const listen::Miss& miss) {
-      return std::tuple(miss.topic, miss.reader.process, miss.at_ns);
-    };
-    std::set<decltype(message_of(misses.front()))> rest;  // a message can miss both limits
-    for (const auto& miss : misses) rest.insert(message_of(miss));
+    LateMessages all, printed;
+    for (const auto& miss : misses) all.add(miss);
     std::set<Cause> shown;
     const bool is_explained =
         std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
@@ -281,13 +298,14 @@ class Listening {
       if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process})
               .second) {
         output_.write(text_of(miss, width_));
-        rest.erase(message_of(miss));
+        printed.add(miss);
       }
     }
-    if (!rest.empty())
-      output_.write(fmt::format("… and {} until {}\n",
-                                table::many(rest.size(), "more late message", "more late messages"),
-                                clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
+    if (all.count() > printed.count())
+      output_.write(
+          fmt::format("… and {} until {}\n",
+                      table::many(all.count() - printed.count(), "more late message", "more late messages"),
+                      clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
     output_.flush();
   }
 
@@ -378,7 +396,7 @@ class Listening {
           fmt::format("the sensor dropped {} events: losses and periods across these gaps are not counted",
                       findings.sensor_lost));
     if (const auto count = misses_left_out(findings); count > 0)
-      print_error(fmt::format("{} late messages are counted but not listed: buffer full", count));
+      print_error(fmt::format("{} late ages and periods are counted but not listed: buffer full", count));
     if (forgotten.flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed: {} messages in total; {} of these "

@@ -120,8 +120,8 @@ std::string open_age_of(const listen::Flow& flow) {
 }
 
 std::string time_of_silence(std::int64_t ns) {
-  return ns < 1'000'000'000 ? in_rounded_ms(ns) + " ms"
-                            : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
+  return ns < 999'500'000 ? in_rounded_ms(ns) + " ms"
+                          : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
 }
 
 std::string silence_of(const listen::Flow& flow) {

@@ -62,7 +62,8 @@ bool is_key(const std::string& path) {
 std::string meant_in_file(const std::string& key) {
   const auto now = conditions::current_key(key);
   if (is_of_a_run(now) || !key_below(now).empty() || now == "options")
-    return ": it is a key of runs. Write it below defaults, or in a run";
+    return fmt::format(": it is a key of runs. Write it {}in a run",
+                       now == "id" ? "" : "below defaults, or ");
   return meant_of(key, file_keys);
 }
 

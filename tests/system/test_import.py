@@ -112,6 +112,11 @@ class Import(results.Results):
         printed = len(re.findall(r"(?m)^\S* ?\d\d:\d\d:\d\d\.\d+ ", text))
         self.assertEqual((printed, int(rest[1])), (1, 4), text)
 
+    def test_messages_of_the_same_time_are_several_late_messages(self):
+        text = self.ontime("import", self.bag([0] * 9), "--age", "1ms", code=1).stdout
+        self.assertRegex(text, r"\b10 of 10\b")
+        self.assertIn("… and 9 more late messages until", text)
+
     def test_messages_of_a_bag_become_runs_of_a_results_file(self):
         bag = self.bag([10, 10, 30, 10])
         self.ontime("import", bag, "--deadline", "20ms", "--results", self.results, code=1)
