@@ -204,7 +204,8 @@ TEST_F(LinkFaults, TableReplacedByAnotherProcessIsLeft) {
   EXPECT_TRUE(table_kind.read(what)) << "it is left";
 }
 
-// A tc that keeps the root qdisc of all interfaces in a file, and refuses one below it.
+// A tc that keeps the root qdisc of all interfaces in a file, and refuses one below it. After the first try
+// on loopback, what is in /run/meanwhile comes first.
 class Disciplines : public testing::Test {
  protected:
   void inside(const std::function<void()>& body) const {
@@ -219,8 +220,12 @@ case "$*" in
   "-statistics -json qdisc show dev lo") cat /run/statistics ;;
   "-json qdisc show dev lo") cat /run/qdiscs ;;
   "qdisc add dev lo root handle 6f74: "*)
+    if [ -e /run/meanwhile ]; then
+      cat /run/meanwhile >/run/qdiscs; echo "Exclusivity flag on"; exit 2
+    fi
     echo "[{\"kind\": \"$8\", \"handle\": \"6f74:\", \"root\": true}]" >/run/qdiscs ;;
   "qdisc del dev lo root") echo '[]' >/run/qdiscs ;;
+  "qdisc del dev lo root handle 6f74:") grep -q '"6f74:"' /run/qdiscs && echo '[]' >/run/qdiscs ;;
   *) echo "refused: $*"; exit 2 ;;
 esac
 )";
@@ -252,6 +257,17 @@ TEST_F(Disciplines, OneThatIsRefusedBelowAnotherLeavesNone) {
     EXPECT_EQ(qdiscs(), "[]");
     EXPECT_THAT(nft("list ruleset"), IsEmpty());
     EXPECT_THAT(journal.revert(), IsEmpty());
+  });
+}
+
+TEST_F(Disciplines, OneThatAnotherProgramMakesJustBeforeIsLeft) {
+  inside([&] {
+    journal::Journal journal(kinds());
+    const std::string others = R"([{"kind": "tbf", "handle": "8001:", "root": true}])";
+    std::ofstream("/run/meanwhile") << others << '\n';
+    EXPECT_THAT(test::error_of([&] { Link(journal, here_, {.qdisc = etf}, {}); }),
+                HasSubstr("Exclusivity flag on"));
+    EXPECT_EQ(qdiscs(), others);
   });
 }
 

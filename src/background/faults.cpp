@@ -112,7 +112,7 @@ void try_discipline(const std::vector<std::string>& words) {
   const auto& name = words.front();
   try {
     tc(make_root("lo", words));
-    tc({"qdisc", "del", "dev", "lo", "root"});
+    tc({"qdisc", "del", "dev", "lo", "root", "handle", our_qdisc_handle});
   } catch (const Error& error) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)

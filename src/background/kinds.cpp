@@ -160,7 +160,8 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
     const auto name = name_now(parts[1]);
     if (!name) throw Error(fmt::format("interface {} does not exist any more", parts[1]));
     if (!value)
-      tc({"qdisc", "del", "dev", *name, "root"});
+      // The kernel refuses, if another program's root is there by now.
+      tc({"qdisc", "del", "dev", *name, "root", "handle", our_qdisc_handle});
     else
       make_qdisc(*name, parts.size() == 3 ? parts[2] : "netem");
   });
