@@ -161,10 +161,14 @@ TEST(OwnMessages, TextOfANoteIsNoAdviceAndNoOtherNotesCause) {
   one.account.late = 3;
   const std::string text = "6.0 ms old: a was frozen; fix: thaw it";
   one.notes.assign(2, {record::cause_of_late, text, {}, {}});  // of an older ontime, or of another program
-  one.notes.push_back(late_by({.measures = "period", .sentence = "x; fix: y", .alike = "x; fix: y"}));
+  one.notes.push_back(late_by({.measures = "period",
+                               .value_ns = 40'000,
+                               .limit_ns = 30'000,
+                               .sentence = "x; fix: y",
+                               .alike = "x; fix: y"}));
   const auto told = render_explained({one}, Format::table);
   EXPECT_THAT(told, HasSubstr("   2  " + text + "\n"));
-  EXPECT_THAT(told, HasSubstr("   1  0.0 ms after the previous message (limit 0 ms): x; fix: y\n"));
+  EXPECT_THAT(told, HasSubstr("   1  0.040 ms after the previous message (limit 0.03 ms): x; fix: y\n"));
 }
 
 // As ontime wrote them before causes were data.

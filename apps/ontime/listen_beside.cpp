@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "listen_sensor.hpp"
 #include "spelling/spelling.hpp"
 #include "terminal.hpp"
 
@@ -48,7 +49,7 @@ ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, con
 }
 
 void ListenBeside::listen(const std::stop_token& stop) try {
-  const auto sensor = listen::in_processes(limits_);
+  const auto sensor = sensor_in_processes(limits_);
   sensor->keep_rows([this](const listen::Row& row) {
     const std::lock_guard lock(mutex_);
     rows_.push_back(row);

@@ -2,8 +2,10 @@
 #include "listen_sensor.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
@@ -35,6 +37,15 @@ std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, c
 
 }  // namespace
 
+std::unique_ptr<listen::Sensor> sensor_in_processes(const listen::Limits& limits,
+                                                    std::vector<listen::ChainWish> chains) try {
+  return listen::in_processes(limits, std::move(chains));
+} catch (const listen::Denied& denied) {
+  const auto* const seen_by_root = "check the container's privileges and /sys/kernel/security/lockdown";
+  throw campaign::Error(
+      3, fmt::format("{}. Fix: {}", denied.what(), geteuid() == 0 ? seen_by_root : campaign::as_root()));
+}
+
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
                                           const std::vector<listen::ChainWish>& chains,
                                           const std::set<std::string>& topics) {
@@ -42,7 +53,7 @@ std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, cons
   if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
   if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
   if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-  return listen::in_processes(limits, chains);
+  return sensor_in_processes(limits, chains);
 }
 
 }  // namespace ontime::app

@@ -12,6 +12,10 @@
 
 namespace ontime::app {
 
+// Probes; if they are denied, campaign::Error has the command line to paste.
+std::unique_ptr<listen::Sensor> sensor_in_processes(const listen::Limits&,
+                                                    std::vector<listen::ChainWish> = {});
+
 // A reader of our own reads `topics`, in the domain of ROS_DOMAIN_ID. Throws campaign::Error, and as the
 // sensors do.
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments&, const listen::Limits&,

@@ -72,14 +72,11 @@ class InProcesses final : public Sensor {
     probes_.reset(probes_bpf__open_and_load());
     if (!probes_) {
       const int error = errno;
+      if (error == EPERM || error == EACCES) throw Denied("listen needs root: the kernel denied probes");
       throw Error(
-          error == EPERM || error == EACCES
-              ? "listen needs root: the kernel denied probes. Fix: sudo ontime listen. If root is denied "
-                "too, check the container's privileges and /sys/kernel/security/lockdown"
-              : fmt::format(
-                    "listen: the kernel cannot load the probes: {}. They need Linux 5.15 or newer with "
-                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Without probes: --packets or --pcap",
-                    reason(error)));
+          fmt::format("listen: the kernel cannot load the probes: {}. They need Linux 5.15 or newer with "
+                      "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Without probes: --packets or --pcap",
+                      reason(error)));
     }
     ring_.reset(ring_buffer__new(
         bpf_map__fd(probes_->maps.events),

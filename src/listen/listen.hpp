@@ -26,6 +26,12 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+// The kernel does not permit this user to set probes. The fix is missing from what(): it needs the command
+// line.
+struct Denied : Error {
+  using Error::Error;
+};
+
 // The file or interface that the user named does not exist, or is not of a known kind.
 struct WrongInput : Error {
   using Error::Error;

@@ -19,9 +19,9 @@ using record::LateCause;
 
 // Between the times of these two.
 std::string sentence_between(const LateCause& least, const LateCause& most, bool with_details) {
-  const auto in_ms = [](std::int64_t ns) { return fmt::format("{:.1f}", static_cast<double>(ns) / 1e6); };
   const auto between = [&](std::int64_t low_ns, std::int64_t high_ns) {
-    const auto low = in_ms(low_ns), high = in_ms(high_ns);
+    const auto low = milliseconds(static_cast<double>(low_ns)),
+               high = milliseconds(static_cast<double>(high_ns));
     return low == high ? high : low + " to " + high;
   };
   auto text =

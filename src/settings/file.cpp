@@ -25,6 +25,7 @@ journal::Value read_file(const std::string& path) {
   const auto bytes = read(fd, text.data(), text.size());
   const int error = errno;
   close(fd);
+  if (bytes < 0 && error == ENODEV) return {};  // its device or control group went after it was opened
   if (bytes < 0) throw trouble(path, error);
   std::string value(text.data(), static_cast<std::size_t>(bytes));
   value.erase(0, value.find_first_not_of(" \t\n"));

@@ -327,7 +327,6 @@ std::string RosEndpoint::carrier() const {
 
 std::map<std::string, std::string> RosEndpoint::facts() {
   std::map<std::string, std::string> facts{{"rclcpp", RCLCPP_VERSION_STR},
-                                           {"ros_distro", environment("ROS_DISTRO")},
                                            {"rmw", options_.rmw},
                                            {"executor", word_of(options_.executor)},
                                            {"allocator", word_of(options_.allocator)},
@@ -336,6 +335,7 @@ std::map<std::string, std::string> RosEndpoint::facts() {
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", carrier()},
                                            {"configuration", seat_.settings_source}};
+  if (const auto distro = environment("ROS_DISTRO"); !distro.empty()) facts.insert({"ros_distro", distro});
   if (const std::string middleware = loaded_middleware(); !middleware.empty())
     facts.insert({"middleware", middleware});
   if (!config_.interface.empty())
