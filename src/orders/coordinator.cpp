@@ -35,6 +35,7 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
                         const std::string& samples, Between between)
     : coordinator_(coordinator),
       name_(std::move(name)),
+      samples_(samples),
       process_(std::make_unique<Process>(name_, command, std::move(between))),
       heard_(Clock::now()) {
   {
@@ -42,14 +43,8 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
     coordinator_.hands_.push_back(this);
   }
   try {
-    const auto hello = coordinator_.await(*this, "hello", patience_for_hello, 1);
+    coordinator_.await(*this, "hello", patience_for_hello, 1);
     there_ = true;
-    const std::string version = hello.value("version", "unknown");
-    if (version != ONTIME_VERSION || hello.value("samples", "") != samples)
-      throw Error(
-          3,
-          fmt::format("{} is ontime {}, this is ontime {}{}. Fix: install the same build on both machines",
-                      name_, version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
   } catch (...) {
     coordinator_.lose(*this);
     throw;
@@ -57,6 +52,14 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
 }
 
 Coordinator::Hand::~Hand() { coordinator_.lose(*this); }
+
+void Coordinator::Hand::check_build(const json& hello) const {
+  const std::string version = hello.value("version", "unknown");
+  if (version == ONTIME_VERSION && hello.value("samples", "") == samples_) return;
+  throw Error(
+      3, fmt::format("{} is ontime {}, this is ontime {}{}. Fix: install the same build on both machines",
+                     name_, version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
+}
 
 Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wait_on) {
   coordinator_.lose(*this);  // no beat goes into a broken pipe
@@ -167,6 +170,8 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
     hand.owed_.erase(owed);
     return;
   }
+  // At once: what another build says next may be unknown to this one.
+  if (event == "hello") hand.check_build(frame.message);
   if (&hand == awaited_ && event == awaited_event_ && !answer_) {
     answer_ = frame.message;
     return;

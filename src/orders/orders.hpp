@@ -138,9 +138,10 @@ class Coordinator {
 
    private:
     friend class Coordinator;
+    void check_build(const nlohmann::json& hello) const;
     bool hear(const nlohmann::json& message);  // whether it is about the worker's state only
     Coordinator& coordinator_;
-    std::string name_;
+    std::string name_, samples_;
     std::unique_ptr<Process> process_;
     bool there_ = false;  // it has said hello
     std::map<std::string, Handle> handles_;

@@ -396,7 +396,8 @@ class Ssh(unittest.TestCase):
     def test_other_version_there(self):
         hello = b"\xa3" + b"".join(bytes([0x60 + len(word)]) + word for word in
                                    (b"event", b"hello", b"version", b"9.9.9", b"samples", b""))
-        (self.own / "hello").write_bytes(len(hello).to_bytes(4, "little") + bytes(4) + hello)
+        unknown = b"\xa1\x65event\x63new"  # comes with it, in one read
+        (self.own / "hello").write_bytes(b"".join(len(one).to_bytes(4, "little") + bytes(4) + one for one in (hello, unknown)))
         program = self.program_there(f"#!/bin/sh\ncat {self.own}/hello -\n")
         self.refused("is ontime 9.9.9, this is .*install the same", program=program)
 
