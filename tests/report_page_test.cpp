@@ -298,8 +298,8 @@ Summary judged(std::uint64_t on_time, std::uint64_t late, std::uint64_t lost) {
 }
 
 TEST(Verdict, BoundIsNeverRoundedBelowItself) {
-  for (const auto& [messages, says] :
-       {std::pair(6'100'000u, "fewer than 0.5 of a million"), {2'100'000u, "fewer than 1.5 of a million"}}) {
+  for (const auto& [messages, says] : {std::pair(6'100'000u, "fewer than 0.5 times in a million messages"),
+                                       {2'100'000u, "fewer than 1.5 times in a million messages"}}) {
     auto run = judged(messages, 0, 0);
     run.missed_probability.messages = messages;
     run.missed_probability.bound = 2.9957 / messages;

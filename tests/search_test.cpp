@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "search/measured.hpp"
 #include "search_machine.hpp"
 
 namespace ontime::search {
@@ -37,6 +38,25 @@ TEST(Evidence, EValuesOfTheirNullHypothesisAreOneOnAverage) {
   }
   EXPECT_NEAR(at_least, 1, 0.15);
   EXPECT_LT(at_most, 1.2);
+}
+
+// Forty messages in one burst of a run are one event, however many calm runs there are of other sets.
+TEST(Measured, CalmRunsOfOtherSetsDoNotShortenTheBurstsOfOne) {
+  Problem problem;
+  problem.goal = {{"p99.9 < 1 ms", 0.001}};
+  Measured measured(problem);
+  const Set set = {{"realtime", "on"}};
+  const auto add = [&](const Set& of, const Tally& tally) { measured.add(of, {{tally}, {}, {}}); };
+  add(set, {40, 2000, 40});
+  add(set, {0, 2000, 1.6});
+  const auto before = measured.shares(measured.of(set), 0.05).front().range;
+  for (int i = 0; i < 20; ++i) add({}, {0, 2000, 1.6});
+  const auto after = measured.shares(measured.of(set), 0.05).front().range;
+  EXPECT_DOUBLE_EQ(after.low, before.low);
+  EXPECT_DOUBLE_EQ(after.high, before.high);
+  EXPECT_FALSE(measured.fails(measured.of(set), 0.05));
+  EXPECT_DOUBLE_EQ(measured.proofs({measured.of({}).front()}, 0.05).front().burst, (40 + 21 * 1.6) / 22)
+      << "nor do they hold for bursts that others have";
 }
 
 TEST(Evidence, LookingAfterEachRunRarelyProvesWhatIsNotSo) {

@@ -183,6 +183,25 @@ TEST(Extremes, HoldTheLevelAsOftenAsTheySay) {
   }
 }
 
+// Levels beyond the threshold are reached in bursts alone, and of these there are few.
+TEST(Extremes, SeldomGiveABoundThatIsWrongWhereBurstsAreFew) {
+  const auto kind = bursty(2900, 100);
+  const int runs = trials(60, 600);
+  Random random(35);
+  int wrong = 0;
+  for (int i = 0; i < runs; ++i) {
+    const auto times = kind.series(10'000, random);
+    const auto found = extremes_of({times.begin(), times.end()});
+    const double truth = kind.quantile(1 - found.exceedance);
+    const auto misses = [&](const std::optional<Bound>& bound) {
+      return bound && bound->refused.empty() &&
+             (*bound->level_lies.high < truth || *bound->level_lies.low > truth);
+    };
+    wrong += misses(found.maxima) || misses(found.peaks) ? 1 : 0;
+  }
+  EXPECT_LE(wrong, runs * 12 / 100) << "23 of 100 if only the extremal index counts";
+}
+
 TEST(Extremes, GiveNoBoundWhereTheRunDoesNotAllowOne) {
   Random random(33);
   EXPECT_THAT(extremes_of(independent(999, random, exponential)).refused, HasSubstr("needed 1000"));

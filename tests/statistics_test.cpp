@@ -214,6 +214,16 @@ TEST(Estimate, NineValuesLeaveOneOutOnEachSide) {
   EXPECT_DOUBLE_EQ(nine.confidence, 1 - 2 * (1.0 + 9) / 512);  // tables of the sign test: 96.1 %
 }
 
+TEST(Estimate, ManyValuesHaveANarrowIntervalOfTheStatedConfidence) {
+  std::vector<double> values(10'000);  // the binomial's 0.5^n is 0 in a double
+  std::iota(values.begin(), values.end(), 1.0);
+  const auto many = estimate(values).value();
+  // Median ± 1.96 √n / 2 by the normal approximation.
+  EXPECT_NEAR(many.low, 5000.5 - 98, 2);
+  EXPECT_NEAR(many.high, 5000.5 + 98, 2);
+  EXPECT_NEAR(many.confidence, 0.95, 0.002);
+}
+
 // What an interval of confidence means: of many, the stated share holds the true median.
 TEST(Estimate, CoversTheMedianAsOftenAsItSays) {
   std::mt19937_64 random(5);

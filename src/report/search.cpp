@@ -169,8 +169,8 @@ Table searches_table(const Group& group) {
                    {"Messages", right},  {"Miss\nprobability", right},
                    {"Ended\nat", right}, {"Because", left}};
   table.notes.emplace_back(
-      "Miss: a late or lost message, or a cycle without a message. Miss probability: upper limit, 95 % "
-      "confidence.");
+      "Miss: a late or lost message, or a cycle without a message; several in a row are one here. Miss "
+      "probability: upper limit, 95 % confidence.");
   return table;
 }
 

@@ -107,10 +107,12 @@ Verdict verdict_of(const Summaries& summaries) {
   const auto missed =
       summaries.size() == 1 ? summaries.front().missed_probability : statistics::Probability{};
   if (verdict.word == Verdict::Word::yes && missed.events == 0 && missed.messages > 0)
-    further.push_back(
-        fmt::format("If conditions stay the same, fewer than {} messages miss it (95 % confidence).",
-                    missed.bound > 0.01 ? fmt::format("{:.2g} % of the", rounded_up(missed.bound * 100))
-                                        : fmt::format("{:g} of a million", rounded_up(missed.bound * 1e6))));
+    further.push_back(fmt::format(
+        "If conditions stay the same, the deadline is missed fewer than {} messages (95 % confidence), by "
+        "one "
+        "message or several in a row.",
+        missed.bound > 0.01 ? fmt::format("{:.2g} times in 100", rounded_up(missed.bound * 100))
+                            : fmt::format("{:g} times in a million", rounded_up(missed.bound * 1e6))));
   if (with_missed > 0)
     further.push_back(fmt::format("{} missed a requirement.", many(with_missed, "run", "runs")));
   if (with_open > 0)

@@ -20,6 +20,15 @@ Count sum(const Runs& runs, std::size_t limit) {
   return sum;
 }
 
+double effect_of(const Runs& runs, std::size_t limit) {
+  double weighted = 0, messages = 0;
+  for (const auto* run : runs) {
+    weighted += run->tallies[limit].effect * run->tallies[limit].messages;
+    messages += run->tallies[limit].messages;
+  }
+  return messages > 0 ? weighted / messages : 1;
+}
+
 double per_run(const Runs& runs, const Runs& others = {}) {
   return std::max(1.0, static_cast<double>(runs.size() + others.size()));
 }
@@ -57,7 +66,7 @@ std::vector<Share> Measured::shares(const Runs& runs, double alpha) const {
   std::vector<Share> shares;
   for (std::size_t limit = 0; limit < limits(); ++limit) {
     const auto seen = sum(runs, limit);
-    const auto range = range_of(effective(seen, limit, seen.events / per_run(runs)), alpha);
+    const auto range = range_of(effective(seen, spread(limit, runs), seen.events / per_run(runs)), alpha);
     shares.push_back({range, seen.events, seen.messages});
   }
   return shares;
@@ -65,13 +74,13 @@ std::vector<Share> Measured::shares(const Runs& runs, double alpha) const {
 
 bool Measured::holds(const Runs& runs, double alpha) const {
   return !runs.empty() && all_limits([&](std::size_t limit) {
-    return against_at_least(at_permitted(runs, limit), permitted(limit)) >= 1 / alpha;
+    return against_at_least(at_permitted(runs, limit), permitted(runs, limit)) >= 1 / alpha;
   });
 }
 
 bool Measured::fails(const Runs& runs, double alpha) const {
   return mean([&](std::size_t limit) {
-           return against_at_most(at_permitted(runs, limit), permitted(limit));
+           return against_at_most(at_permitted(runs, limit), permitted(runs, limit));
          }) >= 1 / alpha;
 }
 
@@ -79,7 +88,8 @@ bool Measured::fewer(const Runs& one, const Runs& other, double alpha) const {
   return mean([&](std::size_t limit) {
            const auto mine = sum(one, limit), theirs = sum(other, limit);
            const auto of_a_run = (mine.events + theirs.events) / per_run(one, other);
-           return less_than(effective(mine, limit, of_a_run), effective(theirs, limit, of_a_run));
+           return less_than(effective(mine, spread(limit, one), of_a_run),
+                            effective(theirs, spread(limit, other), of_a_run));
          }) >= 1 / alpha;
 }
 
@@ -93,7 +103,8 @@ bool Measured::kept_to(const Runs& runs) const {
 std::vector<Proof> Measured::proofs(const Runs& runs, double alpha) const {
   std::vector<Proof> proofs;
   for (std::size_t limit = 0; limit < limits(); ++limit)
-    proofs.push_back({upper_limit(at_permitted(runs, limit), alpha), permitted(limit)});
+    proofs.push_back(
+        {upper_limit(at_permitted(runs, limit), alpha), permitted(runs, limit), spread(limit, runs).within});
   return proofs;
 }
 
@@ -104,31 +115,29 @@ bool Measured::looks_no_less(const Runs& one, const Runs& other) const {
   });
 }
 
-double Measured::permitted(std::size_t limit) const {
+double Measured::permitted(const Runs& runs, std::size_t limit) const {
   const auto share = problem_.goal[limit].share;
-  const auto burst = spread(limit).within;
+  const auto burst = spread(limit, runs).within;
   return share > 0 ? share : burst / std::max(per_run_, 2 * burst);
 }
 
 Count Measured::at_permitted(const Runs& runs, std::size_t limit) const {
-  return effective(sum(runs, limit), limit, permitted(limit) * per_run_);
+  return effective(sum(runs, limit), spread(limit, runs), permitted(runs, limit) * per_run_);
 }
 
 // Divided by the design effect if `of_a_run` messages of each run break the limit.
-Count Measured::effective(const Count& count, std::size_t limit, double of_a_run) const {
-  const auto [within, between] = spread(limit);
-  const auto effect = within + between * of_a_run;
+Count Measured::effective(const Count& count, const Spread& spread, double of_a_run) {
+  const auto effect = spread.within + spread.between * of_a_run;
   return {count.events / effect, count.messages / effect};
 }
 
-Measured::Spread Measured::spread(std::size_t limit) const {
-  double weighted = 0, messages = 0, variation = prior_variation * prior_freedoms, freedoms = prior_freedoms;
+Measured::Spread Measured::spread(std::size_t limit, const Runs& of) const {
+  double variation = prior_variation * prior_freedoms, freedoms = prior_freedoms;
+  Runs all;
   for (const auto& [set, runs] : runs_)
-    for (const auto& run : runs) {
-      weighted += run->tallies[limit].effect * run->tallies[limit].messages;
-      messages += run->tallies[limit].messages;
-    }
-  const auto within = messages > 0 ? std::max(1.0, weighted / messages) : 1;
+    for (const auto& run : runs) all.push_back(run.get());
+  // Calm runs show no bursts: they must not shorten those of others.
+  const auto within = std::max({1.0, effect_of(all, limit), effect_of(of, limit)});
   for (const auto& [set, runs] : runs_) {
     const auto count = static_cast<double>(runs.size());
     double events = 0, squares = 0;

@@ -39,16 +39,17 @@ class Measured {
   bool all_limits(Holds) const;
   template <class Of>
   double mean(Of) const;
-  double permitted(std::size_t limit) const;
-  Count at_permitted(const Runs&, std::size_t limit) const;
-  Count effective(const Count&, std::size_t limit, double of_a_run) const;
 
   // Variation of the messages that break a limit: within runs, as a multiple of independent messages; between
-  // runs of one set, the relative variance of the share. Estimated from all sets.
+  // runs of one set, the relative variance of the share. Estimated from all sets; within runs it is at least
+  // that of these runs alone.
   struct Spread {
     double within = 1, between = 0;
   };
-  Spread spread(std::size_t limit) const;
+  Spread spread(std::size_t limit, const Runs&) const;
+  double permitted(const Runs&, std::size_t limit) const;
+  Count at_permitted(const Runs&, std::size_t limit) const;
+  static Count effective(const Count&, const Spread&, double of_a_run);
 
   const Problem& problem_;
   std::map<Set, std::vector<std::unique_ptr<Answer>>> runs_;

@@ -117,9 +117,10 @@ struct Contribution {
 };
 
 // The proof of a limit: a share of messages below `below` breaks it (one-sided). The goal permits
-// `permitted`.
+// `permitted`. A burst of up to `burst` such messages counts as one: where bursts are longer than any that
+// was seen, the proof does not hold.
 struct Proof {
-  double below = 1, permitted = 0;
+  double below = 1, permitted = 0, burst = 1;
 };
 
 // not_proven: too few messages to tell whether the goal holds. nothing_left: it fails.

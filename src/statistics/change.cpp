@@ -4,6 +4,7 @@
 #include <iterator>
 #include <limits>
 
+#include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/students_t.hpp>
 
 #include "statistics/statistics.hpp"
@@ -14,7 +15,7 @@ namespace {
 constexpr double infinite = std::numeric_limits<double>::infinity();
 // Measured::surer has 0.99 a side. What differs between runs is seldom normal: of equal runs on a busy
 // machine Student's t with 0.99 failed up to two in a hundred gates.
-constexpr double one_sided = 0.995;
+constexpr double one_sided = 0.995, one_sided_of_unequal = 0.99;
 
 // A metric of one or several runs: their mean, how far below and above it the true one may lie by what the
 // samples tell, and how much the runs differ.
@@ -49,17 +50,33 @@ Side side_of(const std::vector<Measured>& runs, Scale scale) {
 
 bool are_repeated(const Side& from, const Side& to) { return from.runs > 1 && to.runs > 1; }
 
+// Of the difference, as far as the spread of the runs tells, if there are more than two. The variance of both
+// together (Student) is too small where the side with fewer runs varies more: then that of each alone counts
+// (Welch 1947).
+double between_runs(const Side& from, const Side& to) {
+  const auto deviate = [](double degrees, double share) {
+    return boost::math::quantile(boost::math::students_t(degrees), share);
+  };
+  const double degrees = from.runs + to.runs - 2;
+  const double variance = (from.squares + to.squares) / degrees * (1 / from.runs + 1 / to.runs);
+  const double together = deviate(degrees, one_sided) * std::sqrt(variance);
+  if (!are_repeated(from, to) || variance <= 0) return together;
+  const auto of_mean = [](const Side& side) { return side.squares / (side.runs - 1) / side.runs; };
+  const double one = of_mean(from), other = of_mean(to);
+  const double own_degrees =
+      std::pow(one + other, 2) / (std::pow(one, 2) / (from.runs - 1) + std::pow(other, 2) / (to.runs - 1));
+  return std::max(together, deviate(own_degrees, one_sided_of_unequal) * std::sqrt(one + other));
+}
+
 Interval difference_lies(const Side& from, const Side& to) {
   const double value = to.value - from.value;
   double below = std::hypot(to.below, from.above), above = std::hypot(to.above, from.below);
-  if (const double degrees = from.runs + to.runs - 2; degrees > 0) {
-    const double variance = (from.squares + to.squares) / degrees * (1 / from.runs + 1 / to.runs);
-    const double between_runs =
-        boost::math::quantile(boost::math::students_t(degrees), one_sided) * std::sqrt(variance);
+  if (from.runs + to.runs > 2) {
+    const double between = between_runs(from, to);
     // What one run leaves open is part of what makes its repetitions differ.
     const bool suffices = are_repeated(from, to);
-    below = suffices && !std::isfinite(below) ? between_runs : std::max(below, between_runs);
-    above = suffices && !std::isfinite(above) ? between_runs : std::max(above, between_runs);
+    below = suffices && !std::isfinite(below) ? between : std::max(below, between);
+    above = suffices && !std::isfinite(above) ? between : std::max(above, between);
   }
   Interval interval;
   if (std::isfinite(below)) interval.low = value - below;
@@ -156,8 +173,13 @@ Between slower_than(const Summary& summary, Times times, double limit_ns) {
 
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,
                              Times times, Figure figure) {
-  const auto before = known_of(from, times, figure), after = known_of(to, times, figure);
+  auto before = known_of(from, times, figure), after = known_of(to, times, figure);
   if (before.runs.empty() || after.runs.empty()) return {};
+  // The interval of one run's mean allows for a message as late as the time-out that it did not see. What
+  // several runs did not see is no change.
+  if (figure == Figure::mean && before.runs.size() > 1 && after.runs.size() > 1)
+    for (auto* known : {&before, &after})
+      for (auto& run : known->runs) run.surer = {};
   const auto as_it_is = [](double value) { return value; };
   const auto one = before.side(as_it_is), other = after.side(as_it_is);
   Change change;
@@ -218,16 +240,15 @@ std::optional<Estimate> estimate(std::vector<double> values) {
   result.median = n % 2 == 1 ? values[n / 2] : (values[n / 2 - 1] + values[n / 2]) / 2;
   // Between the k-th smallest and the k-th largest lies the median unless fewer than k values fell on one
   // side of it: confidence = 1 - 2 P(X < k), X ~ binomial(n, 1/2).
-  double term = std::pow(0.5, static_cast<double>(n)), tail = term;
+  const boost::math::binomial fair(static_cast<double>(n), 0.5);
+  const auto confidence = [&](std::size_t k) {
+    return 1 - 2 * boost::math::cdf(fair, static_cast<double>(k) - 1);
+  };
   std::size_t k = 1;
-  for (; k < n / 2; ++k) {
-    term *= static_cast<double>(n - k + 1) / static_cast<double>(k);
-    if (1 - 2 * (tail + term) < 0.95) break;
-    tail += term;
-  }
+  while (k < n / 2 && confidence(k + 1) >= 0.95) ++k;
   result.low = values[k - 1];
   result.high = values[n - k];
-  result.confidence = std::max(0.0, 1 - 2 * tail);
+  result.confidence = std::max(0.0, confidence(k));
   return result;
 }
 

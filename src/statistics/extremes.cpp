@@ -18,6 +18,8 @@ namespace {
 constexpr std::size_t blocks = 100;
 constexpr std::size_t fewest_values = 1000;
 constexpr std::size_t fewest_peaks = 30;
+constexpr double fewest_effective_slowest =
+    10;  // values above a threshold: fewer do not show how they cluster
 constexpr int resamples = 400;
 // Of a percentile bootstrap so many hold what is asked of them at 95 %: tests/statistics_extremes_test.cpp.
 constexpr double middle = 0.98, confidence = 0.95;
@@ -124,6 +126,29 @@ std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std
       peaks.back() = places[i];
   }
   return peaks;
+}
+
+double effective_above(std::span<const float> values, float threshold) {
+  Batches batches;
+  for (const auto value : values) batches.add(value > threshold);
+  const auto all = batches.all();
+  return sum_of(all).events / design_effect(all);
+}
+
+// Levels beyond the threshold may cluster more: what a fifth of its peaks pass shows some of it.
+bool are_of_few_bursts(std::span<const float> values, const std::vector<std::size_t>& places,
+                       float threshold) {
+  std::vector<float> slowest;
+  slowest.reserve(places.size());
+  for (const auto place : places) slowest.push_back(values[place]);
+  auto rarer = threshold;
+  if (const auto fifth = std::max(fewest_peaks, slowest.size() / 5); fifth < slowest.size()) {
+    const auto at = slowest.begin() + static_cast<std::ptrdiff_t>(fifth);
+    std::nth_element(slowest.begin(), at, slowest.end(), std::greater<>());
+    rarer = *at;
+  }
+  return std::min(effective_above(values, threshold), effective_above(values, rarer)) <
+         fewest_effective_slowest;
 }
 
 // p-value of an even split over the two halves of the run.
@@ -247,7 +272,9 @@ Extremes extremes(std::span<const float> values, float threshold) {
   const auto half = std::lower_bound(peaks.begin(), peaks.end(), values.size() / 2);
   const auto first = static_cast<std::size_t>(half - peaks.begin()), second = peaks.size() - first;
   result.halves_p = halves_p(first, second);
-  const auto why = unsteady(result, first, second);
+  auto why = unsteady(result, first, second);
+  if (why.empty() && are_of_few_bursts(values, places, threshold))
+    why = "the slowest answers come in few bursts";
   for (auto* bound : {&result.maxima, &result.peaks})
     if (*bound && !why.empty()) (*bound)->refused = why;
   return result;
