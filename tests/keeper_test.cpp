@@ -217,11 +217,11 @@ TEST_F(Keeper, ReportsTrafficOfBothEnds) {
   if (!std::filesystem::exists("/usr/bin/iperf3")) GTEST_SKIP() << "iperf3 is not installed";
   ask("open", "opened");
   background::Stream stream{.serves = true, .address = "127.0.0.1", .port = 7811};
-  ask("traffic", "flowing", {{"host", "component"}, {"way", "to_component"}, {"stream", to_json(stream)}});
+  ask("traffic", "flowing", {{"host", "component"}, {"way", "to_component"}, {"stream", stream}});
   stream.serves = false;
   stream.bits_per_s = 4'000'000;
   stream.datagram_bytes = 1000;
-  ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", to_json(stream)}});
+  ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", stream}});
   ask("begin", "begun");
   json account;
   const auto flows = [&](const char* host) {
@@ -245,8 +245,9 @@ TEST(Words, AreUnchangedAfterJson) {
   EXPECT_EQ(to_json(workers_of(to_json(workers))), to_json(workers));
   EXPECT_EQ(to_json(workers).at("hdd_bytes"), 6);
   const background::Stream stream{{"ip", "netns"}, true, true, "10.0.0.1", "eth0", 1, 2, 3, 4};
-  EXPECT_EQ(to_json(stream_of(to_json(stream))), to_json(stream));
-  EXPECT_EQ(to_json(stream).at("priority"), 4);
+  const nlohmann::json json = stream;
+  EXPECT_EQ(nlohmann::json(json.get<background::Stream>()), json);
+  EXPECT_EQ(json.at("priority"), 4);
   const background::Faults faults{0.1, 0.2, 3us, 4us, 0.5, true};
   EXPECT_EQ(faults_of(to_json(faults)), faults);
 }

@@ -223,7 +223,7 @@ std::vector<std::string> Machines::load(const Together& runs) {
         have(host, "traffic", "flowing",
              {{"host", host == controller ? name_at_controller(run.component) : name_of(host)},
               {"way", way},
-              {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
+              {"stream", stream_of(run, way, host, hosts_)}});
   // Only then: iperf3 begins with a datagram that it does not send again.
   links_ = ends_of_links(runs);
   for (const auto& end : links_) link(end);

@@ -47,11 +47,14 @@
 
 #include <nlohmann/json.hpp>
 
+#include "background/background.hpp"
 #include "conditions/conditions.hpp"
 
 namespace ontime::background {
-struct Stream;
-}
+// Without `groups`: the keeper has its own.
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Stream, place, serves, receives, address, interface, port, bits_per_s,
+                                   datagram_bytes, priority)
+}  // namespace ontime::background
 namespace ontime::journal {
 struct Kind;
 }
@@ -60,8 +63,6 @@ namespace ontime::keeper {
 
 nlohmann::json to_json(const conditions::Workers&);
 conditions::Workers workers_of(const nlohmann::json&);
-nlohmann::json to_json(const background::Stream&);
-background::Stream stream_of(const nlohmann::json&);
 nlohmann::json to_json(const conditions::Isolation&);
 conditions::Isolation wish_of(const nlohmann::json&);
 nlohmann::json to_json(const conditions::Faults&);

@@ -97,7 +97,7 @@ class Keeper final : public orders::Worker {
                  std::chrono::milliseconds(body.at("for_ms")));
       events_.tell("cutting");
     } else if (order == "traffic") {
-      auto stream = stream_of(body.at("stream"));
+      auto stream = body.at("stream").get<background::Stream>();
       stream.groups = isolated_.beside();
       events_.tell("flowing", or_lack([&] { flows_.add(body.at("host"), body.at("way"), stream); }));
     } else if (order == "trace") {
