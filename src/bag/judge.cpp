@@ -38,8 +38,6 @@ std::int64_t written_of(const Message& message) {
   return message.published_ns == message.recorded_ns ? 0 : message.published_ns;
 }
 
-listen::Party recorder() { return {0, "recorder"}; }
-
 // A bag usually merges all publishers of a topic.
 listen::Party party_of(unsigned writer) {
   return {0, writer == 0 ? "publishers" : fmt::format("publishers of channel {}", writer + 1)};
@@ -56,6 +54,10 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
   }
   auto& stream = streams_[key];
   stream.id = streams_.size();  // none is ever erased
+  stream.topic = topic.name;
+  stream.writer = party_of(topic.writer);
+  stream.reader = {0, "recorder"};
+  stream.age_unknown = stream.stamp_ahead = 0;
   return &stream;
 }
 
@@ -323,19 +325,20 @@ void Judge::judge_waiting(Stream& stream, std::int64_t before_ns) {
 bool Judge::judge_age(Stream& stream, const Message& message) {
   const auto age = age_of(stream, message);
   if (!age) {
-    ++stream.age_unknown;
+    ++*stream.age_unknown;
     return false;
   }
+  if (!stream.age) stream.age.emplace();
   const bool is_late = limits_.is_too_old(*age);
   if (is_late) miss(listen::Miss::Kind::age, *age, message, stream);
   keep_age(stream, message, *age, is_late);
-  stream.age.add(*age);
+  stream.age->add(*age);
   return is_late;
 }
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
   const std::uint64_t number =
-      message.sequence != 0 && !stream.is_mixed ? message.sequence : stream.age.count();
+      message.sequence != 0 && !stream.is_mixed ? message.sequence : stream.age->count();
   const auto before = std::exchange(stream.row_number, number);
   // Numbers that start again, as a recorder's own do in each file, belong to other messages.
   const bool begins_again = number <= before && !stream.sequence.has_begun();
@@ -370,7 +373,7 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   }
   if (age < 0) {
     ahead_.add(name);
-    ++stream.stamp_ahead;
+    ++*stream.stamp_ahead;
   }
   return age;
 }
@@ -380,34 +383,21 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
   misses_.add({.kind = kind,
                .at_ns = message.recorded_ns,
                .value_ns = value_ns,
-               .topic = message.topic->name,
-               .writer = party_of(message.topic->writer),
-               .reader = recorder(),
+               .topic = stream.topic,
+               .writer = stream.writer,
+               .reader = stream.reader,
                .course = {},
                .flow = stream.id,
                .why = {}});
 }
 
-listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
+listen::Flow Judge::flow_of(const Stream& stream) {
+  listen::Flow flow = stream;
   // The last two may be swapped. A time far ahead is odd.
   const auto latest_ns = stream.latest_ns().value_or(stream.last_ns);
-  const bool is_swapped = latest_ns > stream.last_ns && latest_ns <= stream.last_ns + set_back_ns;
-  return {.id = stream.id,
-          .topic = key.first,
-          .writer = party_of(key.second),
-          .reader = recorder(),
-          .messages = stream.messages,
-          .first_ns = stream.first_ns,
-          .last_ns = is_swapped ? latest_ns : stream.last_ns,
-          .period = stream.period,
-          .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
-          .age_from = stream.age_from,
-          .age_unknown = stream.age_unknown,
-          .stamp_ahead = stream.stamp_ahead,
-          .lost = stream.sequence.has_begun() ? std::optional(stream.sequence.lost()) : std::nullopt,
-          .duplicated = stream.duplicated,
-          .reordered = stream.reordered,
-          .late = stream.late};
+  if (latest_ns > stream.last_ns && latest_ns <= stream.last_ns + set_back_ns) flow.last_ns = latest_ns;
+  if (stream.sequence.has_begun()) flow.lost = stream.sequence.lost();
+  return flow;
 }
 
 // All topics but one count as silent until its last message. Empty: it is not far from the others, or not
@@ -429,7 +419,7 @@ std::string Judge::remark_on_message_ahead() const {
 listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
-  for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
+  for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(stream));
   listen::judge_silence(findings.flows, limits_, until_ns_);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)

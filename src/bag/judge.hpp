@@ -43,28 +43,21 @@ class Judge {
     std::int64_t at_ns = 0;
     bool was_old = false;
   };
-  struct Stream {
-    std::uint64_t id = 0;
-    std::uint64_t messages = 0;
-    std::int64_t first_ns = 0, last_ns = 0;  // as at_ns()
-    std::int64_t before_last_ns = 0;         // of the message before the last; 0: no such message
-    std::deque<Waiting> waiting;             // by time, after judged_ns
-    std::deque<Waiting> behind;              // by time, before the latest: late, or the clock was set back
-    std::optional<std::int64_t> judged_ns;   // until then its periods are judged; none: the next has none
-    std::uint64_t times_set = 0;             // until its last message
-    std::uint64_t since_back = 0;            // messages since its times went back
-    std::int64_t latest_written_ns = 0;      // by stamp or publish time
-    std::uint64_t in_file = 0;               // messages, of the file that is read
-    std::uint64_t number_before = 0;         // of the message before; 0: not noted
-    listen::Sequence sequence;               // begun once the numbers are known to be the writer's
-    std::vector<std::int64_t> written_ns;    // of the latest numbers, by number modulo window; 0: unknown
+  struct Stream : listen::Flow {            // its times are as at_ns()
+    std::int64_t before_last_ns = 0;        // of the message before the last; 0: no such message
+    std::deque<Waiting> waiting;            // by time, after judged_ns
+    std::deque<Waiting> behind;             // by time, before the latest: late, or the clock was set back
+    std::optional<std::int64_t> judged_ns;  // until then its periods are judged; none: the next has none
+    std::uint64_t times_set = 0;            // until its last message
+    std::uint64_t since_back = 0;           // messages since its times went back
+    std::int64_t latest_written_ns = 0;     // by stamp or publish time
+    std::uint64_t in_file = 0;              // messages, of the file that is read
+    std::uint64_t number_before = 0;        // of the message before; 0: not noted
+    listen::Sequence sequence;              // begun once the numbers are known to be the writer's
+    std::vector<std::int64_t> written_ns;   // of the latest numbers, by number modulo window; 0: unknown
     Back back;
     std::uint64_t left_at = 0;  // the next number when the numbers last began anew; 0: they did not
     bool is_mixed = false;      // of several writers: the numbers tell nothing
-    listen::AgeFrom age_from = listen::AgeFrom::writer;
-    listen::Distribution period, age;
-    std::uint64_t age_unknown = 0, stamp_ahead = 0;  // messages
-    std::uint64_t duplicated = 0, reordered = 0, late = 0;
     listen::Rows rows;
     std::uint64_t row_number = 0;  // of the last age in `rows`
     std::optional<std::int64_t> latest_ns() const {
@@ -101,7 +94,7 @@ class Judge {
   bool judge_age(Stream&, const Message&);              // whether it was too old
   std::optional<std::int64_t> age_of(Stream&, const Message&);
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
-  static listen::Flow flow_of(const Key&, const Stream&);
+  static listen::Flow flow_of(const Stream&);
   std::string remark_on_message_ahead() const;
 
   // The numbers of all messages of the file that is read.

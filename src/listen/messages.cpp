@@ -184,7 +184,7 @@ void Messages::published(const Observation& seen) {
   if (one == nullptr) return;
   auto& publisher = *one;
   silent_.erase(publisher.id);
-  if (publisher.count == 0) {
+  if (publisher.messages == 0) {
     publisher.first_ns = seen.at_ns;
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
       publisher.topic = name->second;
@@ -200,11 +200,11 @@ void Messages::published(const Observation& seen) {
     }
   }
   publisher.is_broken = false;
-  publisher.threads[publisher.count % remembered] = seen.thread;
-  publisher.begun_ns[publisher.count++ % remembered] = publisher.last_ns = seen.at_ns;
+  publisher.threads[publisher.messages % remembered] = seen.thread;
+  publisher.begun_ns[publisher.messages++ % remembered] = publisher.last_ns = seen.at_ns;
   for (auto& chain : chains_)
     chain.published(
-        {publisher.topic, seen.process, seen.thread, publisher.id, publisher.count - 1, seen.at_ns});
+        {publisher.topic, seen.process, seen.thread, publisher.id, publisher.messages - 1, seen.at_ns});
 }
 
 // Less at high rates: stamps of another writer are close to some publish by chance.
@@ -214,7 +214,7 @@ bool Messages::Publisher::fits(std::int64_t stamp_ns) const {
 }
 
 std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp_ns) const {
-  for (auto number = count; number > oldest(); --number)
+  for (auto number = messages; number > oldest(); --number)
     if (begun(number - 1) <= stamp_ns) return number - 1;
   return {};
 }
@@ -255,7 +255,7 @@ void Messages::taken(const Observation& seen) {
     const auto age = seen.at_ns - seen.stamp_ns;
     of_age =
         probing_.judge(seen.stamp_ns, seen.at_ns, [this](std::int64_t ns) { return limits_.is_too_old(ns); });
-    if (of_age != Verdict::not_judged) link.age.add(age);
+    if (of_age != Verdict::not_judged) link.age->add(age);
     if (of_age == Verdict::late) miss(Miss::Kind::age, age, link, seen, number);
     if (number) is_new = place(link, *number, seen, of_age);
   }
@@ -298,6 +298,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   if (link.fits < enough_fits || seen.at_ns - link.candidate_since_ns < long_enough_ns) return;
   link.publisher = link.candidate;
   publishers_.at(*link.publisher).has_reader = true;  // whatever becomes of this one
+  link.age.emplace();
   link.stamps.assign(remembered, 0);
   link.misfits = 0;
 }
@@ -315,7 +316,7 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.publisher.reset();
   link.candidate.reset();
   link.fits = link.misfits = 0;
-  link.age = {};
+  link.age.reset();
   link.sequence = {};
   link.lost_not_judged = 0;
   link.unjudged.reset();
@@ -384,7 +385,7 @@ void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, co
 
 Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation& seen,
                            std::optional<std::uint64_t> number) const {
-  const auto& usual = kind == Miss::Kind::gap ? link.period : link.age;
+  const auto& usual = kind == Miss::Kind::gap ? link.period : *link.age;
   Course course{.taken_before_ns = link.last_ns,
                 .taken_ns = seen.at_ns,
                 .taker = static_cast<std::int32_t>(seen.thread),
@@ -395,7 +396,7 @@ Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation&
   course.since_ns = course.published_ns = publisher.begun(*number);
   if (kind == Miss::Kind::age || !link.last_number || *link.last_number >= *number) return course;
   const auto before = *link.last_number;
-  if (publisher.count - before > remembered) return course;
+  if (publisher.messages - before > remembered) return course;
   course.before_ns = publisher.begun(before);
   course.since_ns = publisher.begun(before + 1);
   course.missing = *number - before - 1;
@@ -408,39 +409,22 @@ Party Messages::party(std::uint32_t process) const {
 }
 
 Flow Messages::flow_of(const Writer& writer, const Link& link) const {
-  Flow flow{.id = link.id,
-            .topic = link.topic,
-            .reader = party(std::get<0>(writer)),
-            .messages = link.messages,
-            .first_ns = link.first_ns,
-            .last_ns = link.last_ns,
-            .period = link.period,
-            .duplicated = link.duplicated,
-            .reordered = link.reordered,
-            .late = link.late,
-            .not_judged = link.not_judged,
-            .has_ended = ended_at_.contains(std::get<0>(writer))};
+  Flow flow = link;
+  flow.reader = party(std::get<0>(writer));
+  flow.has_ended = ended_at_.contains(std::get<0>(writer));
   if (link.publisher) {
     flow.writer = party(link.publisher->first);
     flow.has_ended |= ended_at_.contains(link.publisher->first);
-    flow.age = link.age;
     flow.lost = link.sequence.lost() - link.lost_not_judged;
-    flow.lost_not_judged = link.lost_not_judged;
   }
   return flow;
 }
 
 Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) const {
-  return {.id = publisher.id,
-          .topic = publisher.topic,
-          .writer = party(endpoint.first),
-          .messages = publisher.count,
-          .first_ns = publisher.first_ns,
-          .last_ns = publisher.last_ns,
-          .period = publisher.period,
-          .late = publisher.late,
-          .not_judged = publisher.not_judged,
-          .has_ended = ended_at_.contains(endpoint.first)};
+  Flow flow = publisher;
+  flow.writer = party(endpoint.first);
+  flow.has_ended = ended_at_.contains(endpoint.first);
+  return flow;
 }
 
 Findings Messages::findings() const {

@@ -94,31 +94,20 @@ class Messages {
       Sequence::window;  // messages of a publisher that a take may belong to
 
   using Endpoint = std::pair<std::uint32_t, std::uint64_t>;
-  struct Publisher {
-    std::uint64_t id = 0;  // of its flow
-    std::string topic;
-    std::uint64_t count = 0;  // publishes so far; the last of them is number count - 1
+  struct Publisher : Flow {  // the last of its messages is number messages - 1
     std::vector<std::int64_t> begun_ns = std::vector<std::int64_t>(remembered);  // by number modulo its size
     std::vector<std::uint32_t> threads = std::vector<std::uint32_t>(remembered);
-    std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = true;    // no period begins with the last publish
     bool has_reader = false;  // a reader was recognized; its flow includes this publisher
-    Distribution period;
-    std::uint64_t late = 0, not_judged = 0;
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
-    std::uint64_t oldest() const { return count > remembered ? count - remembered : 0; }  // that is known
+    // The number of the oldest message that is known.
+    std::uint64_t oldest() const { return messages > remembered ? messages - remembered : 0; }
     std::int64_t begun(std::uint64_t number) const { return begun_ns[number % remembered]; }
   };
-  struct Link {
-    std::uint64_t id = 0;  // of its flow
-    std::string topic;
+  struct Link : Flow {  // with an age once the publisher is known
     Rows rows;
-    std::uint64_t messages = 0;
-    std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;  // no period begins with the last take, and nothing before it counts as lost
-    Distribution period, age;
-    std::uint64_t duplicated = 0, reordered = 0, late = 0, not_judged = 0, lost_not_judged = 0;
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
     std::optional<std::uint64_t> last_number;  // of the publisher's, taken last

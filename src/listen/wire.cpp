@@ -120,7 +120,7 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
   stream->last_seen = std::max(stream->last_seen, data.sequence);
   if (stream->messages == 0) {
     stream->first_ns = at_ns;
-    stream->source = datagram.source;
+    stream->writer.name = fmt::format("{} at {}", rtps::text_of(data.writer), datagram.source);
     stream->is_one_host = datagram.is_one_host;
     stream->is_broken = true;
   }
@@ -140,7 +140,8 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
   }
   if (stream.is_one_host && data.stamp_ns) {
     const auto age = at_ns - *data.stamp_ns;
-    stream.age.add(age);
+    if (!stream.age) stream.age.emplace();
+    stream.age->add(age);
     const bool is_too_old = limits_.is_too_old(age);
     if (is_too_old) {
       is_late = true;
@@ -152,7 +153,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     keep_losses(stream, at_ns, data.sequence);
   }
   stream.late += is_late ? 1 : 0;
-  stream.without_stamp += data.stamp_ns ? 0 : 1;
+  if (stream.is_one_host) stream.age_unknown = stream.age_unknown.value_or(0) + (data.stamp_ns ? 0 : 1);
 }
 
 // A later GAP may still tell that earlier numbers were never sent.
@@ -184,21 +185,11 @@ Findings Wire::findings() const {
     std::set<std::string> destinations;
     for (const auto& [way, sequence] : stream.ways) destinations.insert(std::get<0>(way));
     const auto count = destinations.size();
-    findings.flows.push_back(
-        {.id = stream.id,
-         .topic = topic_of(guid),
-         .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
-         .reader = {0, *destinations.begin() + (count > 1 ? fmt::format(" and {} more", count - 1) : "")},
-         .messages = stream.messages,
-         .first_ns = stream.first_ns,
-         .last_ns = stream.last_ns,
-         .period = stream.period,
-         .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
-         .age_unknown = stream.is_one_host ? std::optional(stream.without_stamp) : std::nullopt,
-         .lost = stream.sequence.lost(),
-         .duplicated = stream.duplicated,
-         .reordered = stream.reordered,
-         .late = stream.late});
+    Flow flow = stream;
+    flow.topic = topic_of(guid);
+    flow.reader = {0, *destinations.begin() + (count > 1 ? fmt::format(" and {} more", count - 1) : "")};
+    flow.lost = stream.sequence.lost();
+    findings.flows.push_back(std::move(flow));
   }
   std::ranges::sort(findings.flows, {},
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });

@@ -41,20 +41,14 @@ class Wire {
     std::uint32_t count = 0;
   };
   using Way = std::tuple<std::string, std::string, std::uint32_t>;  // destination, source, interface
-  struct Stream {                                                   // a writer
-    std::uint64_t id = 0;
+  struct Stream : Flow {                                            // of a writer
     Rows rows;
     std::uint64_t decided = 0;  // the losses of lower numbers are decided
-    std::uint64_t messages = 0;
-    std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the largest number of a message that arrived
     std::map<Way, Sequence> ways;
-    std::string source;
-    Distribution period, age;
     bool is_one_host = false;
-    std::uint64_t duplicated = 0, reordered = 0, late = 0, without_stamp = 0;
     std::deque<Partial> partial;  // in order of arrival
   };
   Stream* stream_of(const rtps::Guid&);
