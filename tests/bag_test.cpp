@@ -166,6 +166,17 @@ TEST_F(Bags, MessagesInTheLogOfAKilledRecorderCount) {
   EXPECT_EQ(judged(copy).flows.at(0).messages, 1U);
 }
 
+// SQLite opens what lies beside the file that the link leads to.
+TEST_F(Bags, SqliteBesideAFifoIsRefusedAlsoByALink) {
+  const auto path = sqlite("a.db3", topic_row(1, "/a", "x/msg/X") + message_row(1, start));
+  const auto link = (folder_ / "link.db3").string();
+  fs::create_symlink("a.db3", link);
+  EXPECT_EQ(judged(link).flows.at(0).messages, 1U);
+  ASSERT_EQ(::mkfifo((path + "-wal").c_str(), 0600), 0);
+  EXPECT_THAT(error_of(path), HasSubstr("a.db3-wal is not a regular file"));
+  EXPECT_THAT(error_of(link), HasSubstr("a.db3-wal is not a regular file"));
+}
+
 TEST_F(Bags, FolderIsReadInTheOrderOfItsMetadata) {
   fs::create_directory(folder_ / "drive");
   write("drive/drive_0.mcap", mcap(channel(1, 0, "/a") + message(1, {start})));

@@ -11,51 +11,30 @@
 #include "bag/header.hpp"
 #include "bag/reader.hpp"
 #include "listen/listen.hpp"
+#include "record/connection.hpp"
 
 namespace ontime::bag {
 namespace {
 
-constexpr int most_text_bytes = 4 << 20;  // of a value, except message data
-constexpr int most_steps = 1'000'000;     // of SQLite's virtual machine, between two rows
+constexpr std::size_t most_text_bytes = 4 << 20;  // of a value, except message data
 constexpr std::size_t most_topics = 1 << 16;
 
-// Absolute, because SQLite treats names such as ":memory:" specially.
-std::string uri_of(const std::string& path, bool immutable) {
-  std::string uri = "file:";
-  for (const char c : std::filesystem::absolute(path).string()) {
-    if (c == '%' || c == '?' || c == '#')
-      uri += fmt::format("%{:02x}", c);
-    else
-      uri += c;
-  }
-  return immutable ? uri + "?immutable=1" : uri;
-}
-
-class Database {
+class Database final : public record::Connection {
  public:
-  explicit Database(const std::string& path) : path_(path) {
-    require_files_beside();
-    open(false);
+  explicit Database(const std::string& path) : Connection(path) {
+    open_file(false);
     // In a read-only folder without a log, the file can be read without a lock.
-    if (const int code = run("SELECT 1 FROM sqlite_schema"); code != SQLITE_OK) {
+    if (const int code = try_run("SELECT 1 FROM sqlite_schema"); code != SQLITE_OK) {
       if (((code & 0xff) != SQLITE_CANTOPEN && (code & 0xff) != SQLITE_READONLY) || has_log()) fail(code);
-      open(true);
+      open_file(true);
     }
   }
 
-  sqlite3* handle() { return handle_.get(); }
-  const std::string& path() const { return path_; }
-  void comes_on() { looks_ = 0; }
-  int run(const char* sql) {
-    comes_on();
-    return sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
-  }
-
   [[noreturn]] void damaged(const std::string& what) const {
-    throw listen::WrongInput(fmt::format("{}: damaged: {}. Try: sqlite3 FILE .recover", path_, what));
+    throw listen::WrongInput(fmt::format("{}: damaged: {}. Try: sqlite3 FILE .recover", name(), what));
   }
 
-  [[noreturn]] void fail(int code) {
+  [[noreturn]] void fail(int code) override {
     const std::string text = sqlite3_errmsg(handle());
     switch (code & 0xff) {
       case SQLITE_INTERRUPT:
@@ -67,96 +46,38 @@ class Database {
       case SQLITE_ERROR:
       case SQLITE_MISMATCH:
         throw listen::WrongInput(
-            fmt::format("{}: not a bag: its tables are not those of rosbag2 ({})", path_, text));
+            fmt::format("{}: not a bag: its tables are not those of rosbag2 ({})", name(), text));
       case SQLITE_CANTOPEN:
       case SQLITE_READONLY:
         if (has_log())
-          throw listen::Error(fmt::format(
-              "{}: its newest messages are in {}-wal, which cannot be read in a read-only folder. "
-              "Fix: copy both files to a writable folder",
-              path_, path_));
+          throw listen::Error(
+              fmt::format("{}: its newest messages are in {}, which cannot be read in a read-only folder. "
+                          "Fix: copy both files to a writable folder",
+                          name(), beside("-wal")));
         [[fallthrough]];
       default:
-        throw listen::Error(fmt::format("{}: cannot be read: {}", path_, text));
+        throw listen::Error(fmt::format("{}: cannot be read: {}", name(), text));
     }
   }
 
- private:
-  void open(bool immutable) {
-    sqlite3* handle = nullptr;
-    const int code = sqlite3_open_v2(uri_of(path_, immutable).c_str(), &handle,
-                                     SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_URI, nullptr);
-    handle_.reset(handle);
-    if (code != SQLITE_OK) fail(code);
-    sqlite3_busy_timeout(handle, 1000);
-    sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
-    sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
-    sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
-    sqlite3_db_config(handle, SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
-    sqlite3_progress_handler(handle, most_steps, look, this);
-    run("PRAGMA cell_size_check = ON");
+  [[noreturn]] void fail_type(const char* column, const char*) override {
+    damaged(fmt::format("a value of '{}' has an unexpected type", column));
   }
 
-  static int look(void* database) { return ++static_cast<Database*>(database)->looks_ > 1 ? 1 : 0; }
+  [[noreturn]] void fail_beside(const std::string& path) override {
+    throw listen::WrongInput(fmt::format("{}: {} is not a regular file. Fix: remove it", name(), path));
+  }
+
+ private:
+  void open_file(bool immutable) {
+    open(SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, immutable);
+    sqlite3_db_config(handle(), SQLITE_DBCONFIG_TRUSTED_SCHEMA, 0, nullptr);
+  }
 
   bool has_log() const {
     std::error_code error;
-    return std::filesystem::file_size(path_ + "-wal", error) > 0 && !error;
+    return std::filesystem::file_size(beside("-wal"), error) > 0 && !error;
   }
-
-  // SQLite opens files with these suffixes; opening a FIFO would wait for ever.
-  void require_files_beside() const {
-    std::error_code ignored;
-    for (const auto* suffix : {"-wal", "-shm", "-journal"}) {
-      const auto status = std::filesystem::symlink_status(path_ + suffix, ignored);
-      if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
-        throw listen::WrongInput(
-            fmt::format("{}: {}{} is not a regular file. Fix: remove it", path_, path_, suffix));
-    }
-  }
-
-  const std::string path_;
-  int looks_ = 0;  // since the last row
-  std::unique_ptr<sqlite3, decltype([](sqlite3* handle) { sqlite3_close(handle); })> handle_;
-};
-
-class Rows {
- public:
-  Rows(Database& database, const char* sql) : database_(database) {
-    sqlite3_stmt* handle = nullptr;
-    const int code = sqlite3_prepare_v2(database.handle(), sql, -1, &handle, nullptr);
-    handle_.reset(handle);
-    if (code != SQLITE_OK) database.fail(code);
-  }
-
-  bool next() {
-    database_.comes_on();
-    const int code = sqlite3_step(handle_.get());
-    if (code != SQLITE_ROW && code != SQLITE_DONE) database_.fail(code);
-    return code == SQLITE_ROW;
-  }
-
-  std::int64_t integer(int column) {
-    if (sqlite3_column_type(handle_.get(), column) != SQLITE_INTEGER) wrong_type(column);
-    return sqlite3_column_int64(handle_.get(), column);
-  }
-
-  std::string text(int column) {
-    if (sqlite3_column_type(handle_.get(), column) != SQLITE_TEXT) wrong_type(column);
-    const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(handle_.get(), column));
-    const auto length = sqlite3_column_bytes(handle_.get(), column);
-    if (bytes == nullptr || length > most_text_bytes)
-      database_.damaged(fmt::format("a text of {} bytes (maximum: {})", length, most_text_bytes));
-    return {bytes, static_cast<std::size_t>(length)};
-  }
-
- private:
-  [[noreturn]] void wrong_type(int column) {
-    database_.damaged(
-        fmt::format("a value of '{}' has an unexpected type", sqlite3_column_name(handle_.get(), column)));
-  }
-  Database& database_;
-  std::unique_ptr<sqlite3_stmt, decltype([](sqlite3_stmt* handle) { sqlite3_finalize(handle); })> handle_;
 };
 
 // The first bytes of messages. The rest, which may be a whole picture, is not read.
@@ -175,7 +96,7 @@ class Beginnings {
  private:
   // False: the value there is of another type.
   bool go_to(std::int64_t row) {
-    database_.comes_on();
+    database_.came_on();
     int code = SQLITE_OK;
     if (handle_) {
       code = sqlite3_blob_reopen(handle_.get(), row);
@@ -197,16 +118,16 @@ class Sqlite final : public Reader {
  public:
   explicit Sqlite(const std::string& path) : database_(path) {
     const auto definitions = definitions_of();
-    Rows rows(database_, "SELECT id, name, type, serialization_format FROM topics");
+    record::Statement rows(database_, "SELECT id, name, type, serialization_format FROM topics");
     while (rows.next()) {
-      auto name = rows.text(1);
-      const auto type = rows.text(2);
+      auto name = text_of(rows, 1);
+      const auto type = text_of(rows, 2);
       const auto found = definitions.find(type);
       const bool has_header = found == definitions.end() ? begins_with_header(type, "", "") : found->second;
       if (name.size() > longest_name || topics_.size() == most_topics)
         database_.damaged(fmt::format("more than {} topics, or a topic name of more than {} bytes",
                                       most_topics, longest_name));
-      topics_[rows.integer(0)] = {std::move(name), 0, rows.text(3) == "cdr" && has_header};
+      topics_[rows.integer(0)] = {std::move(name), 0, text_of(rows, 3) == "cdr" && has_header};
     }
     messages_.emplace(database_, "SELECT rowid, topic_id, timestamp FROM messages ORDER BY rowid");
   }
@@ -227,23 +148,32 @@ class Sqlite final : public Reader {
   }
 
  private:
+  std::string text_of(record::Statement& rows, int column) {
+    const auto text = rows.optional_text(column);
+    if (!text) database_.fail_type(rows.name(column), "text");
+    if (text->size() > most_text_bytes)
+      database_.damaged(fmt::format("a text of {} bytes (maximum: {})", text->size(), most_text_bytes));
+    return std::string(*text);
+  }
+
   // By type, whether it begins with a Header. Older bags have no such table.
   std::map<std::string, bool> definitions_of() {
     std::map<std::string, bool> definitions;
-    Rows table(database_,
-               "SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = 'message_definitions'");
+    record::Statement table(
+        database_, "SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = 'message_definitions'");
     if (!table.next()) return definitions;
-    Rows rows(database_, "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions");
+    record::Statement rows(
+        database_, "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions");
     while (definitions.size() < most_topics && rows.next()) {
-      const auto type = rows.text(0);
-      definitions[type] = begins_with_header(type, rows.text(1), rows.text(2));
+      const auto type = text_of(rows, 0);
+      definitions[type] = begins_with_header(type, text_of(rows, 1), text_of(rows, 2));
     }
     return definitions;
   }
 
   Database database_;
   std::map<std::int64_t, Topic> topics_;
-  std::optional<Rows> messages_;
+  std::optional<record::Statement> messages_;
   Beginnings beginnings_{database_};
   std::int64_t next_row_ = INT64_MIN;
 };

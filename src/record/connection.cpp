@@ -94,26 +94,33 @@ std::string uri_of(const std::string& path, bool immutable) {
   return immutable ? uri + "?immutable=1" : uri;
 }
 
-// SQLite opens what lies beside a file by its name; opening a FIFO would wait for ever.
-void require_files_beside(const std::string& path) {
-  namespace fs = std::filesystem;
-  std::error_code ignored;
-  for (const auto* suffix : {"-wal", "-shm", "-journal"}) {
-    const auto beside = fs::weakly_canonical(path, ignored).string() + suffix;
-    const auto status = fs::symlink_status(beside, ignored);
-    if (fs::exists(status) && !fs::is_regular_file(status))
-      throw WrongFile(
-          fmt::format("{}: {} is not a file. Check where it comes from, and remove it.", path, beside));
-  }
-}
-
 }  // namespace
 
-Connection::Connection(const std::string& path, int flags, bool immutable)
-    : path_(path), name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {
-  if (!path.empty()) require_files_beside(path);
+Connection::Connection(const std::string& path)
+    : path_(path), name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {}
+
+Connection::Connection(const std::string& path, int flags, bool immutable) : Connection(path) {
+  open(flags, immutable);
+  sqlite3_limit(handle(), SQLITE_LIMIT_LENGTH, 3 * longest_text);  // a row has two
+  // Not SQLITE_DBCONFIG_TRUSTED_SCHEMA: to SQLite 3.40 the json_extract() of our own tables is not to be
+  // trusted.
+}
+
+std::string Connection::beside(const char* suffix) const {
+  std::error_code ignored;
+  return std::filesystem::weakly_canonical(path_, ignored).string() + suffix;
+}
+
+void Connection::open(int flags, bool immutable) {
+  // SQLite opens what lies beside a file by its name; opening a FIFO would wait for ever.
+  if (!path_.empty())
+    for (const auto* suffix : {"-wal", "-shm", "-journal"}) {
+      std::error_code ignored;
+      const auto status = std::filesystem::symlink_status(beside(suffix), ignored);
+      if (exists(status) && !is_regular_file(status)) fail_beside(beside(suffix));
+    }
   sqlite3* handle = nullptr;
-  const int code = sqlite3_open_v2(uri_of(path, immutable).c_str(), &handle,
+  const int code = sqlite3_open_v2(uri_of(path_, immutable).c_str(), &handle,
                                    flags | SQLITE_OPEN_URI | SQLITE_OPEN_NOFOLLOW, nullptr);
   handle_.reset(handle);
   if (code != SQLITE_OK) fail(code);
@@ -122,9 +129,6 @@ Connection::Connection(const std::string& path, int flags, bool immutable)
   sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
-  sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, 3 * longest_text);  // a row has two
-  // Not SQLITE_DBCONFIG_TRUSTED_SCHEMA: to SQLite 3.40 the json_extract() of our own tables is not to be
-  // trusted.
   sqlite3_progress_handler(handle, 1'000'000, look, this);
   run("PRAGMA cell_size_check = ON");
 }
@@ -133,14 +137,12 @@ Connection::Connection(const std::string& path, int flags, bool immutable)
 int Connection::look(void* connection) { return ++static_cast<Connection*>(connection)->looks_ > 1 ? 1 : 0; }
 
 void Connection::run(const char* sql) {
-  came_on();
-  const int code = sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
-  if (code != SQLITE_OK) fail(code);
+  if (const int code = try_run(sql); code != SQLITE_OK) fail(code);
 }
 
-void Connection::try_run(const char* sql) noexcept {
+int Connection::try_run(const char* sql) noexcept {
   came_on();
-  sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
+  return sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
 }
 
 std::int64_t Connection::number(const char* sql) {
@@ -155,6 +157,15 @@ void Connection::fail(int code) {
                                  SQLITE_CONSTRAINT, SQLITE_MISMATCH, SQLITE_TOOBIG};
   if (std::ranges::find(of_the_file, code & 0xff) != std::end(of_the_file)) throw WrongFile(text);
   throw Error(text);
+}
+
+void Connection::fail_type(const char* column, const char* expected) {
+  throw WrongFile(fmt::format("{}: it is damaged (a value of {} is not a {}).", name_, column, expected));
+}
+
+void Connection::fail_beside(const std::string& path) {
+  throw WrongFile(
+      fmt::format("{}: {} is not a file. Check where it comes from, and remove it.", name_, path));
 }
 
 Statement::Statement(Connection& connection, const char* sql) : connection_(connection) {
@@ -196,8 +207,9 @@ bool Statement::next() {
 }
 
 std::int64_t Statement::integer(int column) {
-  if (const auto value = optional_integer(column)) return *value;
-  fail_type(column, "whole number");
+  const auto value = optional_integer(column);
+  if (!value) connection_.fail_type(name(column), "whole number");
+  return *value;
 }
 
 // One call for a value's type and the value. What it returns is for one thread at a time, as a Statement is.
@@ -205,26 +217,23 @@ std::optional<std::int64_t> Statement::optional_integer(int column) {
   auto* value = sqlite3_column_value(handle_.get(), column);
   const int type = sqlite3_value_type(value);
   if (type == SQLITE_NULL) return std::nullopt;
-  if (type != SQLITE_INTEGER) fail_type(column, "whole number");
+  if (type != SQLITE_INTEGER) connection_.fail_type(name(column), "whole number");
   return sqlite3_value_int64(value);
 }
 
-std::string Statement::text(int column) {
+std::string Statement::text(int column) { return std::string(optional_text(column).value_or("")); }
+
+std::optional<std::string_view> Statement::optional_text(int column) {
   const int type = sqlite3_column_type(handle_.get(), column);
-  if (type == SQLITE_NULL) return {};
-  if (type != SQLITE_TEXT) fail_type(column, "text");
+  if (type == SQLITE_NULL) return std::nullopt;
+  if (type != SQLITE_TEXT) connection_.fail_type(name(column), "text");
   const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(handle_.get(), column));
   if (bytes == nullptr) connection_.fail(SQLITE_NOMEM);
-  return {bytes, static_cast<std::size_t>(sqlite3_column_bytes(handle_.get(), column))};
+  return std::string_view(bytes, static_cast<std::size_t>(sqlite3_column_bytes(handle_.get(), column)));
 }
 
 void Statement::check(int code) {
   if (code != SQLITE_OK) connection_.fail(code);
-}
-
-void Statement::fail_type(int column, const char* expected) {
-  throw WrongFile(fmt::format("{}: it is damaged (a value of {} is not a {}).", connection_.name(),
-                              sqlite3_column_name(handle_.get(), column), expected));
 }
 
 }  // namespace ontime::record

@@ -38,19 +38,16 @@ std::shared_ptr<Connection> connect(const std::string& path) {
   } catch (const Error&) {
     const int code = sqlite3_errcode(connection->handle()) & 0xff;
     if (code != SQLITE_CANTOPEN && code != SQLITE_READONLY) throw;
-    std::error_code ignored;
-    const auto beside = [&](const char* suffix) {
-      return std::filesystem::canonical(path, ignored).string() + suffix;
-    };
-    const auto holds_something = [&](const std::string& file) {
+    const auto holds_something = [](const std::string& file) {
+      std::error_code ignored;
       return std::filesystem::exists(file, ignored) && std::filesystem::file_size(file, ignored) > 0;
     };
-    if (const auto log = beside("-wal"); holds_something(log))
+    if (const auto log = connection->beside("-wal"); holds_something(log))
       throw Error(
           fmt::format("{}: its newest samples are in {}, which cannot be read in a read-only folder. Copy "
                       "both files to a writable folder, and read them there.",
                       path, log));
-    if (const auto journal = beside("-journal"); holds_something(journal))
+    if (const auto journal = connection->beside("-journal"); holds_something(journal))
       throw Error(fmt::format(
           "{}: a write was cut off and must be rolled back first ({}). Fix: `sqlite3 FILE .tables`.", path,
           journal));
