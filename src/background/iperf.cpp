@@ -16,6 +16,7 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
+#include "process/process.hpp"
 
 namespace ontime::background {
 namespace {
@@ -29,28 +30,25 @@ constexpr std::size_t kept_for_people = 2000;
 class Pipe {
  public:
   Pipe() {
-    if (pipe2(ends_.data(), O_CLOEXEC) != 0)
+    std::array<int, 2> ends;
+    if (pipe2(ends.data(), O_CLOEXEC) != 0)
       throw Error("cannot create a pipe for iperf3: " + std::generic_category().message(errno));
-    fcntl(ends_[0], F_SETFL, O_NONBLOCK);
+    out_ = process::Fd(ends[0]);
+    in_ = process::Fd(ends[1]);
+    fcntl(out_.get(), F_SETFL, O_NONBLOCK);
   }
-  ~Pipe() {
-    close(ends_[0]);
-    close(ends_[1]);
-  }
-  Pipe(const Pipe&) = delete;
-  Pipe& operator=(const Pipe&) = delete;
-  int in() const { return ends_[1]; }
+  int in() const { return in_.get(); }
   // What has been written and not been taken yet.
   std::string take() const {
     std::string text;
     std::array<char, 4096> some;
-    for (ssize_t bytes = 0; (bytes = read(ends_[0], some.data(), some.size())) > 0;)
+    for (ssize_t bytes = 0; (bytes = read(out_.get(), some.data(), some.size())) > 0;)
       text.append(some.data(), static_cast<std::size_t>(bytes));
     return text;
   }
 
  private:
-  std::array<int, 2> ends_{-1, -1};
+  process::Fd out_, in_;
 };
 
 // A container, for example, may have neither setpriv nor the user nobody.

@@ -86,15 +86,11 @@ std::vector<pid_t> ids_in(const std::string& path) {
 
 bool move(pid_t id, const std::string& file) {
   const auto text = std::to_string(id);
-  const int fd = open(file.c_str(), O_WRONLY | O_CLOEXEC);
-  if (fd < 0) throw settings::trouble(file, errno);
-  const bool moved = write(fd, text.data(), text.size()) >= 0;
-  const int error = errno;
-  close(fd);
-  // EINVAL: a bound kernel thread.
-  if (!moved && error != ESRCH && error != EINVAL)
-    throw settings::trouble(fmt::format("process {} into {}", id, file), error);
-  return moved;
+  const process::Fd fd(open(file.c_str(), O_WRONLY | O_CLOEXEC));
+  if (fd.get() < 0) throw settings::trouble(file, errno);
+  if (write(fd.get(), text.data(), text.size()) >= 0) return true;
+  if (errno == ESRCH || errno == EINVAL) return false;  // EINVAL: a bound kernel thread
+  throw settings::trouble(fmt::format("process {} into {}", id, file), errno);
 }
 
 }  // namespace ontime::isolation

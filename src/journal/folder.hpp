@@ -11,27 +11,11 @@
 #include <unistd.h>
 
 #include "journal/journal.hpp"
+#include "process/process.hpp"
 
 namespace ontime::journal {
 
-class Fd {
- public:
-  explicit Fd(int fd = -1) : fd_(fd) {}
-  Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  Fd& operator=(Fd&& other) noexcept {
-    std::swap(fd_, other.fd_);
-    return *this;
-  }
-  ~Fd() {
-    if (fd_ >= 0) close(fd_);
-  }
-  Fd(const Fd&) = delete;
-  Fd& operator=(const Fd&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
+using process::Fd;
 
 Error cannot(const std::string& what,
              int error);  // "…; without a journal ontime changes nothing on this machine"

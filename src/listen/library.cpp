@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "listen/listen.hpp"
+#include "process/process.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -50,17 +51,11 @@ constexpr GElf_Half machine = EM_AARCH64;
 
 }  // namespace
 
-OpenFile::OpenFile(const std::string& path, int flags) : fd(open(path.c_str(), flags | O_CLOEXEC)) {}
-
-OpenFile::~OpenFile() {
-  if (fd >= 0) close(fd);
-}
-
 Library::Library(const std::string& path, const Names& functions) {
-  const OpenFile file(path, O_RDONLY | O_NONBLOCK);
-  if (file.fd < 0) throw Error(fmt::format("cannot be read: {}", std::generic_category().message(errno)));
+  const process::Fd file(open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+  if (file.get() < 0) throw Error(fmt::format("cannot be read: {}", std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
-  const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);
+  const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.get(), ELF_C_READ, nullptr), elf_end);
   GElf_Ehdr header;
   if (!elf || gelf_getehdr(elf.get(), &header) == nullptr || header.e_machine != machine)
     throw Error("not a library of this machine's architecture");
@@ -86,11 +81,11 @@ Library::Library(const std::string& path, const Names& functions) {
       auto& function = functions_[name];
       function.address = symbol.st_value;
       function.offset = *offset;
-      function.bytes = bytes_at(file.fd, *offset, std::min<std::size_t>(symbol.st_size, most_code_bytes));
+      function.bytes = bytes_at(file.get(), *offset, std::min<std::size_t>(symbol.st_size, most_code_bytes));
       function.is_whole = function.bytes.size() == symbol.st_size;
       if (const auto callee = exit_of(function.code()).callee)
         if (const auto at = offset_of(elf.get(), *callee))
-          if (begins_cheaply({bytes_at(file.fd, *at, longest_instruction), *callee, false}))
+          if (begins_cheaply({bytes_at(file.get(), *at, longest_instruction), *callee, false}))
             function.cheap_callee = *at;
     }
     break;  // a library has one such table

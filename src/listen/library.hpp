@@ -15,15 +15,6 @@
 
 namespace ontime::listen {
 
-// `fd` below 0: it could not be opened, as errno says.
-struct OpenFile {
-  OpenFile(const std::string& path, int flags);
-  ~OpenFile();
-  OpenFile(const OpenFile&) = delete;
-  OpenFile& operator=(const OpenFile&) = delete;
-  const int fd;
-};
-
 // Where to set a probe, as an offset in the file.
 struct Place {
   std::uint64_t offset = 0;

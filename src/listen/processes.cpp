@@ -16,7 +16,6 @@
 #include <sys/vfs.h>
 
 #include "machine/proc.hpp"
-#include "process/process.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -37,20 +36,20 @@ std::optional<Middleware> middleware_of(std::string_view library) {
 }
 
 using Opened = std::map<std::pair<std::uint64_t, std::uint64_t>,
-                        std::shared_ptr<const OpenFile>>;  // by device and inode
+                        std::shared_ptr<const process::Fd>>;  // by device and inode
 
 // Also sets what /proc/PID/maps lacks, or states differently from stat() (Btrfs). A file that many processes
 // map is opened once. False: it is gone, or not a regular file.
 bool open_file(Mapping& mapping, Opened& all) {
-  auto opened = std::make_shared<const OpenFile>(mapping.path, O_PATH);
-  const int fd = opened->fd;
+  auto opened = std::make_shared<const process::Fd>(open(mapping.path.c_str(), O_PATH | O_CLOEXEC));
+  const int fd = opened->get();
   struct stat file {};
   struct statfs system {};
   if (fd < 0 || fstat(fd, &file) != 0 || !S_ISREG(file.st_mode) || fstatfs(fd, &system) != 0) return false;
   mapping.file = {file.st_dev, file.st_ino};
   mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
   mapping.opened = all.try_emplace(mapping.file, std::move(opened)).first->second;
-  mapping.path = fmt::format("/proc/self/fd/{}", mapping.opened->fd);
+  mapping.path = fmt::format("/proc/self/fd/{}", mapping.opened->get());
   return true;
 }
 

@@ -13,6 +13,7 @@
 
 #include "listen/library.hpp"
 #include "listen/listen.hpp"
+#include "process/process.hpp"
 
 namespace ontime::listen {
 
@@ -24,7 +25,7 @@ struct Mapping {
   std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
   std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
   // Keeps `path` valid: a process may map another file, under any name, at any time.
-  std::shared_ptr<const OpenFile> opened{};
+  std::shared_ptr<const process::Fd> opened{};
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
   // Another user may map a file under the name of another middleware.
   using Use = std::pair<Middleware, std::pair<std::uint64_t, std::uint64_t>>;

@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <signal.h>
-#include <unistd.h>
 
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
@@ -19,10 +18,8 @@ namespace ontime::machine {
 namespace {
 
 process::Started start(const std::vector<std::string>& command, const process::Memory& output) {
-  const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
-  const auto started = process::start(command, {nothing, output.fd(), output.fd()});
-  close(nothing);
-  return started;
+  const process::Fd nothing(open("/dev/null", O_RDONLY | O_CLOEXEC));
+  return process::start(command, {nothing.get(), output.fd(), output.fd()});
 }
 
 }  // namespace

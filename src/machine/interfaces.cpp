@@ -14,11 +14,11 @@
 #include <netdb.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include "journal/journal.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
+#include "process/process.hpp"
 
 namespace ontime::machine {
 namespace {
@@ -83,15 +83,13 @@ Error no_route(const std::string& name, int error) {
 
 // What this machine would send from: asked of a socket that sends nothing.
 Address source_to(const Address& peer, const std::string& name) {
-  const int any = socket(peer.storage.ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (any < 0) throw no_route(name, errno);
+  const process::Fd any(socket(peer.storage.ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0));
   Address source;
   source.bytes = sizeof source.storage;
-  const bool known = connect(any, reinterpret_cast<const sockaddr*>(&peer.storage), peer.bytes) == 0 &&
-                     getsockname(any, reinterpret_cast<sockaddr*>(&source.storage), &source.bytes) == 0;
-  const int error = errno;
-  close(any);
-  if (!known) throw no_route(name, error);
+  if (any.get() < 0 ||
+      connect(any.get(), reinterpret_cast<const sockaddr*>(&peer.storage), peer.bytes) != 0 ||
+      getsockname(any.get(), reinterpret_cast<sockaddr*>(&source.storage), &source.bytes) != 0)
+    throw no_route(name, errno);
   return source;
 }
 

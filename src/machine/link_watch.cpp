@@ -15,9 +15,9 @@
 #include <pthread.h>
 #include <sched.h>
 #include <sys/eventfd.h>
-#include <unistd.h>
 
 #include "machine/machine.hpp"
+#include "process/process.hpp"
 
 namespace ontime::machine {
 namespace {
@@ -57,17 +57,14 @@ class LinkWatch::Listener {
       : interface_(if_nametoindex(interface.c_str())),
         socket_(mnl_socket_open2(NETLINK_ROUTE, SOCK_CLOEXEC | SOCK_NONBLOCK), mnl_socket_close),
         over_(eventfd(0, EFD_CLOEXEC)) {
-    if (!socket_ || over_ < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0) {
-      close(over_);
+    if (!socket_ || over_.get() < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0)
       throw Error(fmt::format("cannot watch interface {} (netlink)", interface));
-    }
     ask(*socket_, interface_);  // it may be down already
     thread_ = std::thread([this] { listen(); });
   }
   ~Listener() {
-    eventfd_write(over_, 1);
+    eventfd_write(over_.get(), 1);
     thread_.join();
-    close(over_);
   }
   Listener(const Listener&) = delete;
   Listener& operator=(const Listener&) = delete;
@@ -82,7 +79,7 @@ class LinkWatch::Listener {
     pthread_setname_np(pthread_self(), "ontime-link");
     const sched_param none{};
     sched_setscheduler(0, SCHED_BATCH, &none);  // it pre-empts nothing that is measured
-    std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_, POLLIN, 0}}};
+    std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_.get(), POLLIN, 0}}};
     while (poll(waits.data(), waits.size(), -1) >= 0 || errno == EINTR) {
       read();  // first: what there is still was before the end
       if ((waits[1].revents & POLLIN) != 0) return;
@@ -118,7 +115,7 @@ class LinkWatch::Listener {
 
   const unsigned interface_;
   const std::unique_ptr<mnl_socket, int (*)(mnl_socket*)> socket_;
-  const int over_;  // an eventfd
+  const process::Fd over_;  // an eventfd
   mutable std::mutex mutex_;
   std::vector<Down> downs_;
   bool is_down_ = false;

@@ -14,8 +14,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "process/process.hpp"
-
 namespace ontime::orders {
 namespace {
 
@@ -28,19 +26,15 @@ constexpr auto patience_ahead = 60s;  // a slow link; before it a slow ssh
 std::string errno_text(int code) { return std::generic_category().message(code); }
 
 struct Pipe {
-  Pipe() {
-    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(3, "cannot create a pipe: " + errno_text(errno));
-    fcntl(ends[1], F_SETPIPE_SZ, pipe_bytes);  // as much of it as an ordinary user may have
-  }
-  ~Pipe() {
-    for (const int end : ends)
-      if (end >= 0) close(end);
-  }
-  Pipe(const Pipe&) = delete;
-  Pipe& operator=(const Pipe&) = delete;
-  int release(std::size_t end) { return std::exchange(ends[end], -1); }
-  std::array<int, 2> ends{-1, -1};
+  process::Fd out, in;
 };
+
+Pipe made_pipe() {
+  std::array<int, 2> ends;
+  if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(3, "cannot create a pipe: " + errno_text(errno));
+  fcntl(ends[1], F_SETPIPE_SZ, pipe_bytes);  // as much of it as an ordinary user may have
+  return {process::Fd(ends[0]), process::Fd(ends[1])};
+}
 
 }  // namespace
 
@@ -51,7 +45,7 @@ Process::Process(std::string name, const std::vector<std::string>& command, Betw
       command_(fmt::format("{}", fmt::join(command, " "))),
       between_(std::move(between)),
       spawned_(spawn(name_, command)),
-      frames_(spawned_.out, spawned_.in) {
+      frames_(spawned_.out.get(), spawned_.in.get()) {
   try {
     frames_.put(between_.ahead, patience_ahead);
   } catch (const Broken&) {  // its output tells why, and is read later
@@ -59,17 +53,17 @@ Process::Process(std::string name, const std::vector<std::string>& command, Betw
 }
 
 Process::Spawned Process::spawn(const std::string& name, const std::vector<std::string>& command) {
-  Pipe orders, events;
-  const auto started = process::start(command, {orders.ends[0], events.ends[1], STDERR_FILENO});
+  auto orders = made_pipe(), events = made_pipe();
+  const auto started = process::start(command, {orders.out.get(), events.in.get(), STDERR_FILENO});
   if (started.error != 0)
     throw Error(3, fmt::format("{} ({}) could not be started: {}", name, fmt::join(command, " "),
                                errno_text(started.error)));
-  return {started.pid, orders.release(1), events.release(0)};
+  return {started.pid, std::move(orders.in), std::move(events.out)};
 }
 
 Process::~Process() {
   break_pipe();
-  close(spawned_.out);
+  spawned_.out = process::Fd();
   if (let_go_) return;
   if (given_up_) kill(-spawned_.pid, SIGKILL);
   const auto patience = std::chrono::steady_clock::now() + longest_silence;
@@ -79,9 +73,7 @@ Process::~Process() {
   }
 }
 
-void Process::break_pipe() {
-  if (const int orders = std::exchange(spawned_.in, -1); orders >= 0) close(orders);
-}
+void Process::break_pipe() { spawned_.in = process::Fd(); }
 
 siginfo_t Process::end_without_reason() const {
   siginfo_t info{};

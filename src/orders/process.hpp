@@ -9,6 +9,7 @@
 #include <sys/types.h>
 
 #include "orders/orders.hpp"
+#include "process/process.hpp"
 
 namespace ontime::orders {
 
@@ -32,7 +33,7 @@ class Process {
  private:
   struct Spawned {
     pid_t pid;
-    int in, out;  // ours: we write to `in`, read from `out`
+    process::Fd in, out;  // ours: we write to `in`, read from `out`
   };
   static Spawned spawn(const std::string& name, const std::vector<std::string>& command);
   // Waits a little for its end; si_pid 0: it still runs. Throws Error if Between::reason knows why.

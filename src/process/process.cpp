@@ -81,16 +81,15 @@ int wait_for(pid_t pid) {
 }
 
 Memory::Memory() : fd_(memfd_create("ontime", MFD_CLOEXEC)) {}
-Memory::~Memory() { close(fd_); }
 
 bool Memory::hold(const std::string& text) {
-  return write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-         lseek(fd_, 0, SEEK_SET) == 0;
+  return write(fd(), text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+         lseek(fd(), 0, SEEK_SET) == 0;
 }
 
 std::string Memory::text(off_t most) const {
-  std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd_, 0, SEEK_END), 0, most)), '\0');
-  const auto bytes = pread(fd_, all.data(), all.size(), 0);
+  std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd(), 0, SEEK_END), 0, most)), '\0');
+  const auto bytes = pread(fd(), all.data(), all.size(), 0);
   all.resize(static_cast<std::size_t>(std::max<ssize_t>(bytes, 0)));
   return all;
 }

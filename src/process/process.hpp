@@ -1,16 +1,39 @@
 // SPDX-License-Identifier: Apache-2.0
-// Child processes, files in memory for what they read and write, and what the kernel says of any process.
+// Child processes, files in memory for what they read and write, and what the kernel says of any process. And
+// the owner of a file descriptor.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <sys/types.h>
+#include <unistd.h>
 
 namespace ontime::process {
+
+// Owns a file descriptor, and closes it. Below 0: none.
+class Fd {
+ public:
+  explicit Fd(int fd = -1) : fd_(fd) {}
+  Fd(Fd&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
+  Fd& operator=(Fd&& other) noexcept {
+    std::swap(fd_, other.fd_);
+    return *this;
+  }
+  ~Fd() {
+    if (fd_ >= 0) close(fd_);
+  }
+  Fd(const Fd&) = delete;
+  Fd& operator=(const Fd&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
 
 struct Started {
   pid_t pid;  // only without an error
@@ -49,16 +72,13 @@ std::optional<Stat> parse_stat(const std::string& text);
 class Memory {
  public:
   Memory();
-  ~Memory();
-  Memory(const Memory&) = delete;
-  Memory& operator=(const Memory&) = delete;
-  int fd() const { return fd_; }
+  int fd() const { return fd_.get(); }
   bool hold(const std::string&);  // to be read from its begin; false: there is not enough memory
   // At most so many bytes of what was written: a child may go on writing.
   std::string text(off_t most = 1 << 20) const;
 
  private:
-  int fd_;
+  Fd fd_;
 };
 
 }  // namespace ontime::process

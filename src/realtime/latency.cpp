@@ -31,14 +31,10 @@ CpuLatencyRequest::CpuLatencyRequest(std::chrono::microseconds latency) {
     return;
   }
   const auto latency_us = static_cast<std::int32_t>(latency.count());
-  fd_ = open(device, O_WRONLY | O_CLOEXEC);
-  if (fd_ >= 0 && write(fd_, &latency_us, sizeof latency_us) == sizeof latency_us) return;
+  fd_ = process::Fd(open(device, O_WRONLY | O_CLOEXEC));
+  if (fd_.get() >= 0 && write(fd_.get(), &latency_us, sizeof latency_us) == sizeof latency_us) return;
   const int error = errno;
   refusal_ = Refusal{asked, fmt::format("{}: {}", device, message_of(error)), remedy_for(error)};
-}
-
-CpuLatencyRequest::~CpuLatencyRequest() {
-  if (fd_ >= 0) close(fd_);
 }
 
 }  // namespace ontime::realtime

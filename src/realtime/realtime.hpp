@@ -11,6 +11,8 @@
 
 #include <sys/types.h>
 
+#include "process/process.hpp"
+
 namespace ontime::realtime {
 
 // SCHED_OTHER, _FIFO, _RR, _DEADLINE, by the kernel's numbers.
@@ -49,13 +51,10 @@ std::vector<Refusal> lock_memory(std::size_t heap_bytes);
 class CpuLatencyRequest {
  public:
   explicit CpuLatencyRequest(std::chrono::microseconds latency);
-  ~CpuLatencyRequest();
-  CpuLatencyRequest(const CpuLatencyRequest&) = delete;
-  CpuLatencyRequest& operator=(const CpuLatencyRequest&) = delete;
   const std::optional<Refusal>& refusal() const { return refusal_; }
 
  private:
-  int fd_ = -1;
+  process::Fd fd_;
   std::optional<Refusal> refusal_;
 };
 
@@ -77,15 +76,12 @@ std::optional<ThreadState> read(pid_t tid);  // nothing if the thread is gone
 class InstructionCounter {
  public:
   explicit InstructionCounter(pid_t tid);
-  ~InstructionCounter();
-  InstructionCounter(InstructionCounter&& other) noexcept;
-  InstructionCounter& operator=(InstructionCounter&&) = delete;
   // Nothing where the CPU has no such counter (most virtual machines) or the kernel does not let us
   // (kernel.perf_event_paranoid).
   std::optional<std::uint64_t> value() const;
 
  private:
-  int fd_;
+  process::Fd fd_;
 };
 
 // Of the text of /proc/PID/status: whether a CAP_ of <linux/capability.h> is in its effective set.

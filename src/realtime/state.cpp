@@ -4,12 +4,9 @@
 #include <charconv>
 #include <fstream>
 #include <sstream>
-#include <utility>
 
 #include <fmt/format.h>
 #include <linux/perf_event.h>
-
-#include "process/process.hpp"
 
 namespace ontime::realtime {
 namespace {
@@ -83,19 +80,13 @@ InstructionCounter::InstructionCounter(pid_t tid) {
   event.type = PERF_TYPE_HARDWARE;
   event.config = PERF_COUNT_HW_INSTRUCTIONS;
   event.exclude_hv = 1;
-  fd_ = static_cast<int>(syscall(SYS_perf_event_open, &event, tid, -1, -1, PERF_FLAG_FD_CLOEXEC));
+  fd_ =
+      process::Fd(static_cast<int>(syscall(SYS_perf_event_open, &event, tid, -1, -1, PERF_FLAG_FD_CLOEXEC)));
 }
-
-InstructionCounter::~InstructionCounter() {
-  if (fd_ >= 0) close(fd_);
-}
-
-InstructionCounter::InstructionCounter(InstructionCounter&& other) noexcept
-    : fd_(std::exchange(other.fd_, -1)) {}
 
 std::optional<std::uint64_t> InstructionCounter::value() const {
   std::uint64_t count = 0;
-  if (fd_ < 0 || ::read(fd_, &count, sizeof count) != sizeof count) return {};
+  if (fd_.get() < 0 || ::read(fd_.get(), &count, sizeof count) != sizeof count) return {};
   return count;
 }
 

@@ -12,8 +12,8 @@
 #include <net/if.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
+#include "process/process.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
 
@@ -27,11 +27,8 @@ int call(const std::string& interface, void* command) {
   ifreq request{};
   interface.copy(static_cast<char*>(request.ifr_name), IFNAMSIZ - 1);
   request.ifr_data = static_cast<char*>(command);
-  const int any = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  if (any < 0) return errno;
-  const int error = ioctl(any, SIOCETHTOOL, &request) == 0 ? 0 : errno;
-  close(any);
-  return error;
+  const process::Fd any(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  return any.get() >= 0 && ioctl(any.get(), SIOCETHTOOL, &request) == 0 ? 0 : errno;
 }
 
 // Whether the interface is there and has the like; throws for all other errors.

@@ -11,6 +11,8 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include "process/process.hpp"
+
 namespace ontime::settings {
 
 journal::Error trouble(const std::string& what, int error) {
@@ -18,15 +20,13 @@ journal::Error trouble(const std::string& what, int error) {
 }
 
 journal::Value read_file(const std::string& path) {
-  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
-  if (fd < 0 && (errno == ENOENT || errno == ENOTDIR)) return {};
-  if (fd < 0) throw trouble(path, errno);
+  const process::Fd fd(open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  if (fd.get() < 0 && (errno == ENOENT || errno == ENOTDIR)) return {};
+  if (fd.get() < 0) throw trouble(path, errno);
   std::array<char, 4096> text;
-  const auto bytes = read(fd, text.data(), text.size());
-  const int error = errno;
-  close(fd);
-  if (bytes < 0 && error == ENODEV) return {};  // its device or control group went after it was opened
-  if (bytes < 0) throw trouble(path, error);
+  const auto bytes = read(fd.get(), text.data(), text.size());
+  if (bytes < 0 && errno == ENODEV) return {};  // its device or control group went after it was opened
+  if (bytes < 0) throw trouble(path, errno);
   std::string value(text.data(), static_cast<std::size_t>(bytes));
   value.erase(0, value.find_first_not_of(" \t\n"));
   value.erase(value.find_last_not_of(" \t\n") + 1);
@@ -34,12 +34,10 @@ journal::Value read_file(const std::string& path) {
 }
 
 void write_file(const std::string& path, const std::string& text) {
-  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
-  if (fd < 0) throw trouble(path, errno);
-  const auto bytes = write(fd, text.data(), text.size());
-  const int error = errno;
-  close(fd);
-  if (bytes < 0) throw trouble(fmt::format("\"{}\" into {}", text, path), error);
+  const process::Fd fd(open(path.c_str(), O_WRONLY | O_CLOEXEC));
+  if (fd.get() < 0) throw trouble(path, errno);
+  if (write(fd.get(), text.data(), text.size()) < 0)
+    throw trouble(fmt::format("\"{}\" into {}", text, path), errno);
 }
 
 std::vector<std::string> names_in(const std::string& folder) {

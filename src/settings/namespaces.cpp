@@ -9,8 +9,8 @@
 #include <sched.h>
 #include <sys/mount.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
+#include "process/process.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
 
@@ -23,13 +23,11 @@ bool in_another_namespace(const std::function<bool()>& is_so) {
   std::set<std::pair<dev_t, ino_t>> seen{{own.st_dev, own.st_ino}};
   bool found = false;
   const auto look = [&](const std::string& file) {
-    const int fd = open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    const process::Fd fd(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
     struct stat status {};
     const bool is_new =
-        fd >= 0 && fstat(fd, &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
-    const bool entered = is_new && setns(fd, CLONE_NEWNET) == 0;
-    if (fd >= 0) close(fd);
-    if (entered) found = found || is_so();
+        fd.get() >= 0 && fstat(fd.get(), &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
+    if (is_new && setns(fd.get(), CLONE_NEWNET) == 0) found = found || is_so();
   };
   const auto look_at_all = [&] {  // which goes from one to the next
     if (unshare(CLONE_NEWNS) != 0 || mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0)

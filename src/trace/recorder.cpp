@@ -154,7 +154,7 @@ class Recorder::Drain {
 
   // Excludes an ontime in a container, which has another journal: while this lock is held, no other ontime
   // makes an instance.
-  File be_alone() const {
+  process::Fd be_alone() const {
     auto folder = tracefs_.open("instances", O_RDONLY | O_DIRECTORY);
     for (const auto end = std::chrono::steady_clock::now() + 3s; flock(folder.get(), LOCK_EX | LOCK_NB) != 0;
          std::this_thread::sleep_for(2ms))
@@ -235,7 +235,7 @@ class Recorder::Drain {
   std::condition_variable wake_;
   bool over_ = false;
   std::int64_t begun_ns_ = 0;
-  std::vector<File> pipes_;  // of each CPU
+  std::vector<process::Fd> pipes_;  // of each CPU
   std::vector<std::byte> page_ = std::vector<std::byte>(page_bytes);
   Ring ring_;
   std::thread thread_;

@@ -25,20 +25,16 @@ Error trouble(const std::string& what, int error) {
   return Error(fmt::format("{}: {}{}", what, std::generic_category().message(error), remedy));
 }
 
-int mounted() {
-  const File context(fsopen("tracefs", FSOPEN_CLOEXEC));
+process::Fd mounted() {
+  const process::Fd context(fsopen("tracefs", FSOPEN_CLOEXEC));
   if (context.get() < 0 || fsconfig(context.get(), FSCONFIG_CMD_CREATE, nullptr, nullptr, 0) != 0)
     throw trouble("cannot mount tracefs", errno == ENODEV ? ENOSYS : errno);
-  const int root = fsmount(context.get(), FSMOUNT_CLOEXEC, 0);
-  if (root < 0) throw trouble("cannot mount tracefs", errno);
+  process::Fd root(fsmount(context.get(), FSMOUNT_CLOEXEC, 0));
+  if (root.get() < 0) throw trouble("cannot mount tracefs", errno);
   return root;
 }
 
 }  // namespace
-
-File::~File() {
-  if (fd_ >= 0) close(fd_);
-}
 
 Tracefs::Tracefs() : root_(mounted()) {}
 
@@ -53,10 +49,10 @@ bool Tracefs::has(const std::string& path) const {
   return look(path, found);
 }
 
-File Tracefs::open(const std::string& path, int flags) const {
-  const int fd = openat(root_.get(), path.c_str(), flags | O_CLOEXEC | O_NOFOLLOW);
-  if (fd < 0) throw trouble("tracefs " + path, errno);
-  return File(fd);
+process::Fd Tracefs::open(const std::string& path, int flags) const {
+  process::Fd fd(openat(root_.get(), path.c_str(), flags | O_CLOEXEC | O_NOFOLLOW));
+  if (fd.get() < 0) throw trouble("tracefs " + path, errno);
+  return fd;
 }
 
 std::string Tracefs::read(const std::string& path) const {

@@ -7,20 +7,9 @@
 
 #include <sys/stat.h>
 
+#include "process/process.hpp"
+
 namespace ontime::trace {
-
-// A file descriptor that is closed.
-class File {
- public:
-  explicit File(int fd) : fd_(fd) {}
-  ~File();
-  File(File&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
-  File& operator=(File&&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 class Tracefs {
  public:
@@ -30,12 +19,12 @@ class Tracefs {
   bool look(const std::string& path, struct stat&) const;  // false: it does not exist
   std::string read(const std::string& path) const;         // throws Error
   void write(const std::string& path, const std::string& text) const;
-  File open(const std::string& path, int flags) const;
+  process::Fd open(const std::string& path, int flags) const;
   void make(const std::string& folder) const;
   void remove(const std::string& folder) const;
 
  private:
-  File root_;
+  process::Fd root_;
 };
 
 }  // namespace ontime::trace
