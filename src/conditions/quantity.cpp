@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "conditions/conditions.hpp"
+#include "number.hpp"
 
 namespace ontime::conditions {
 namespace {
@@ -112,11 +113,10 @@ double share_of(const std::string& text) {
 }
 
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most) {
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || value < least || value > most)
+  const auto value = number_in<std::int64_t>(text);
+  if (!value || *value < least || *value > most)
     throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
-  return value;
+  return *value;
 }
 
 }  // namespace ontime::conditions

@@ -3,7 +3,6 @@
 // wake-up, without a message.
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -16,6 +15,7 @@
 #include <fmt/format.h>
 
 #include "foreign/foreign.hpp"
+#include "number.hpp"
 #include "record/document.hpp"
 #include "record/record.hpp"
 
@@ -91,13 +91,6 @@ std::ifstream open(const std::string& file, std::uintmax_t most_bytes) {
   return in;
 }
 
-std::optional<std::uint64_t> count_of(std::string_view text) {
-  std::uint64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size()) return {};
-  return value;
-}
-
 // --- the text ---
 
 class Text {
@@ -141,7 +134,7 @@ class Text {
     std::istringstream words(text);
     std::vector<std::uint64_t> result;
     for (std::string word; words >> word;) {
-      const auto count = count_of(word);
+      const auto count = number_in<std::uint64_t>(word);
       if (!count) wrong(fmt::format("'{:.20}' is not a whole number of at least 0", word));
       result.push_back(*count);
     }
@@ -244,7 +237,7 @@ Histogram histogram_of(const json& of, const std::string& file, const std::strin
   if (!histogram.is_object()) fail(file, where, "no histogram");
   std::uint64_t seen = 0;
   for (const auto& [value, count] : histogram.items()) {
-    const auto number = count_of(value);
+    const auto number = number_in<std::uint64_t>(value);
     if (!number || *number > most_ns || !count.is_number_unsigned())
       fail(file, where, fmt::format("'{:.20}' in the histogram is not a value with a count", value));
     if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
@@ -291,7 +284,7 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
     fail(file, "", "no 'thread' in the file; `cyclictest -h N --json=FILE` writes it");
   std::map<std::size_t, const json*> in_order;  // "10" comes after "9"
   for (const auto& [name, thread] : threads.items()) {
-    const auto number = count_of(name);
+    const auto number = number_in<std::uint64_t>(name);
     if (!number || *number >= most_threads)
       fail(file, "thread", fmt::format("'{:.20}' is not a thread number", name));
     if (!in_order.try_emplace(*number, &thread).second)

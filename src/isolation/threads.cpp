@@ -10,16 +10,12 @@
 #include <unistd.h>
 
 #include "isolation/groups.hpp"
+#include "number.hpp"
 #include "process/process.hpp"
 #include "settings/file.hpp"
 
 namespace ontime::isolation {
 namespace {
-
-bool is_number(const std::string& text) {
-  return !text.empty() && text.size() < 10 &&
-         std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
-}
 
 // From a thread's stat; nullopt: it has ended.
 std::optional<Thread> thread_of(const std::string& folder, pid_t id) {
@@ -53,7 +49,7 @@ void set_cpus(pid_t id, const std::vector<int>& cpus) {
 std::vector<Thread> threads() {
   std::vector<Thread> all;
   for (const auto& process : settings::names_in("/proc")) {
-    if (!is_number(process)) continue;
+    if (!number_in<pid_t>(process)) continue;
     const auto tasks = fmt::format("/proc/{}/task", process);
     for (const auto& id : settings::names_in(tasks)) try {
         if (auto thread = thread_of(fmt::format("{}/{}", tasks, id), std::stoi(id)))

@@ -2,7 +2,6 @@
 #include "listen/processes.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -16,6 +15,7 @@
 #include <sys/vfs.h>
 
 #include "machine/proc.hpp"
+#include "number.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -100,11 +100,9 @@ Processes::Change Processes::look() {
   Opened opened;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator("/proc", error)) {
-    const auto text = entry.path().filename().string();
-    std::uint32_t id = 0;
-    if (const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), id);
-        wrong != std::errc{} || *end != '\0')
-      continue;
+    const auto number = number_in<std::uint32_t>(entry.path().filename().string());
+    if (!number) continue;
+    const auto id = *number;
     present.insert(id);  // if it ended since, it is gone at the next look
     const auto started = start_of(id);
     if (started == 0) continue;

@@ -2,7 +2,6 @@
 #include "machine/clock.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <limits>
 #include <sstream>
@@ -13,6 +12,7 @@
 
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
+#include "number.hpp"
 
 namespace ontime::machine {
 namespace {
@@ -23,12 +23,8 @@ using nlohmann::json;
 constexpr auto patience = 500ms;
 
 std::optional<double> decimal(const std::optional<std::string>& text) {
-  double value = 0;
-  if (!text) return {};
-  const auto* const end = text->data() + text->size();
-  const auto result = std::from_chars(text->data(), end, value);
-  if (result.ec != std::errc{} || result.ptr != end || !std::isfinite(value)) return {};
-  return value;
+  const auto value = text ? number_in<double>(*text) : std::nullopt;
+  return value && std::isfinite(*value) ? value : std::nullopt;
 }
 
 std::optional<std::int64_t> whole_ns(double ns) {

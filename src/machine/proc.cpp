@@ -2,10 +2,11 @@
 #include "machine/proc.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <fstream>
 #include <numeric>
 #include <sstream>
+
+#include "number.hpp"
 
 namespace ontime::machine {
 namespace {
@@ -33,12 +34,7 @@ std::optional<std::string> word(const std::optional<std::string>& text) {
 
 std::optional<std::int64_t> number(const std::optional<std::string>& text) {
   const auto digits = word(text);
-  std::int64_t value = 0;
-  if (!digits) return {};
-  const auto* const end = digits->data() + digits->size();
-  const auto result = std::from_chars(digits->data(), end, value);
-  if (result.ec != std::errc{} || result.ptr != end) return {};
-  return value;
+  return digits ? number_in<std::int64_t>(*digits) : std::nullopt;
 }
 
 std::optional<std::string> field(const std::string& text, const std::string& key) {

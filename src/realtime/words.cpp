@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <charconv>
 #include <set>
 #include <string_view>
 
 #include <fmt/format.h>
 
+#include "number.hpp"
 #include "realtime/realtime.hpp"
 
 namespace ontime::realtime {
@@ -17,10 +17,8 @@ constexpr std::pair<Policy, const char*> words[] = {{Policy::other, "other"},
 constexpr int max_cpu = 1023;
 
 std::optional<int> cpu_of(std::string_view text) {
-  int cpu = -1;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), cpu);
-  if (error != std::errc{} || end != text.data() + text.size() || text[0] == '-' || cpu > max_cpu) return {};
-  return cpu;
+  const auto cpu = number_in<int>(text);
+  return cpu && text[0] != '-' && *cpu <= max_cpu ? cpu : std::nullopt;
 }
 
 }  // namespace

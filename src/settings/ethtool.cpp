@@ -2,7 +2,6 @@
 // Driver settings by ethtool's system call.
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <set>
 #include <sstream>
 
@@ -13,6 +12,7 @@
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 
+#include "number.hpp"
 #include "process/process.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -84,14 +84,12 @@ void set(ethtool_coalesce& state, const std::string& text) {
           part));
     if (!names.insert(name).second)
       throw std::invalid_argument(fmt::format("'{}' names {} twice", text, name));
-    std::uint32_t number = said == "on" ? 1 : 0;
-    const auto* const end = said.data() + said.size();
-    const auto [last, error] = std::from_chars(said.data(), end, number);
-    const bool good = field->is_switch ? said == "on" || said == "off" : error == std::errc{} && last == end;
+    const auto number = number_in<std::uint32_t>(said);
+    const bool good = field->is_switch ? said == "on" || said == "off" : number.has_value();
     if (!good)
       throw std::invalid_argument(
           fmt::format("'{}' is not {}", part, field->is_switch ? "on or off" : "a whole number"));
-    state.*field->value = number;
+    state.*field->value = number.value_or(said == "on" ? 1 : 0);
   }
 }
 

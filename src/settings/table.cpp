@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <charconv>
 #include <set>
 #include <sstream>
 
 #include <fmt/format.h>
 
+#include "number.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -17,10 +17,8 @@ using Text = const std::string&;
 using Things = std::vector<Thing>;
 
 bool is_number(Text text, std::int64_t least, std::int64_t most) {
-  std::int64_t number = 0;
-  const auto* const end = text.data() + text.size();
-  const auto [last, error] = std::from_chars(text.data(), end, number);
-  return error == std::errc{} && last == end && number >= least && number <= most;
+  const auto number = number_in<std::int64_t>(text);
+  return number && *number >= least && *number <= most;
 }
 void check_number(Text text, std::int64_t least, std::int64_t most) {
   if (!is_number(text, least, most))

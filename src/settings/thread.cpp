@@ -2,7 +2,6 @@
 // Threads of the kernel: their policy, priority and CPUs.
 #include <algorithm>
 #include <cerrno>
-#include <charconv>
 #include <iterator>
 #include <sstream>
 
@@ -10,6 +9,7 @@
 #include <sched.h>
 #include <sys/resource.h>
 
+#include "number.hpp"
 #include "process/process.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
@@ -35,13 +35,6 @@ struct Scheduling {
   std::optional<std::string> cpus;
 };
 
-std::optional<int> number_of(const std::string& text) {
-  int number = 0;
-  const auto* const end = text.data() + text.size();
-  const auto [last, error] = std::from_chars(text.data(), end, number);
-  return error == std::errc{} && last == end ? std::optional(number) : std::nullopt;
-}
-
 Scheduling parse(const std::string& text) {
   std::istringstream parts(text);
   std::string policy, number, cpus;
@@ -49,7 +42,7 @@ Scheduling parse(const std::string& text) {
   const bool says_cpus = !parts.eof();
   std::getline(parts, cpus);
   const auto* const known = std::ranges::find(policies, policy, &Policy::name);
-  const auto value = number_of(number);
+  const auto value = number_in<int>(number);
   if (known == std::end(policies) || !value || (says_cpus && !realtime::cpus_of(cpus)))
     throw journal::Error(fmt::format("'{}' is not a thread state that can be restored", text));
   return {known, *value, says_cpus ? std::optional(cpus) : std::nullopt};
@@ -93,7 +86,7 @@ bool accepts_priority(const std::string& what) {
   return accepts(what) && (name.starts_with("ksoftirqd/") || name.starts_with("irq/"));
 }
 
-pid_t pid_of(const std::string& what) { return number_of(what.substr(0, what.find(':'))).value_or(-1); }
+pid_t pid_of(const std::string& what) { return number_in<int>(what.substr(0, what.find(':'))).value_or(-1); }
 
 bool is_there(const std::string& what) { return identity_of(what.substr(0, what.find(':'))) == what; }
 
@@ -165,7 +158,7 @@ std::vector<Thing> threads_named(const std::string& prefix) {
   check_kernel_is_seen();
   std::vector<Thing> found;
   for (const auto& pid : names_in("/proc")) {
-    if (!number_of(pid)) continue;
+    if (!number_in<int>(pid)) continue;
     const auto identity = identity_of(pid);
     if (identity && name_of_thread(*identity).starts_with(prefix))
       found.push_back({accepts_priority(*identity) ? &thread_priority : &thread, *identity});
@@ -178,7 +171,7 @@ std::string with_priority(const std::string& value, const std::string& asked) {
   auto state = parse(value);
   if (asked == "other" && !state.policy->has_priority) return value;
   state.policy = asked == "other" ? &policies[0] : &policies[1];
-  state.number = asked == "other" ? 0 : number_of(asked).value_or(0);
+  state.number = asked == "other" ? 0 : number_in<int>(asked).value_or(0);
   return text_of(state);
 }
 

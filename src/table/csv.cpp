@@ -1,25 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <charconv>
 #include <string_view>
-#include <system_error>
 
+#include "number.hpp"
 #include "table/table.hpp"
 
 namespace ontime::table {
 namespace {
-
-bool is_number(const std::string& text) {
-  double value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  return error == std::errc{} && end == text.data() + text.size();
-}
 
 // A spreadsheet runs what looks like a formula, unless it is marked as text.
 std::string harmless(const std::string& text) {
   const auto first = text.find_first_not_of(' ');
   const bool formula =
       first != std::string::npos && std::string_view("=+-@").find(text[first]) != std::string::npos;
-  return formula && !is_number(text) ? "'" + text : text;
+  return formula && !number_in<double>(text) ? "'" + text : text;
 }
 
 std::string csv_line_of(const std::vector<std::string>& fields) {

@@ -2,7 +2,6 @@
 #include "transport/dds.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -11,6 +10,7 @@
 #include <sys/auxv.h>
 
 #include "message/message.hpp"
+#include "number.hpp"
 #include "transport/clock.hpp"
 #include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
@@ -171,9 +171,8 @@ Peer resolve(const std::string& peer, const std::string& transport) {
   const std::size_t colon = peer.find(':');
   Peer result{peer.substr(0, colon)};
   if (colon != std::string::npos) {
-    const char* const end = peer.data() + peer.size();
-    const auto [stop, error] = std::from_chars(peer.data() + colon + 1, end, result.port);
-    if (error != std::errc{} || stop != end || result.port == 0)
+    result.port = number_in<std::uint16_t>(std::string_view(peer).substr(colon + 1)).value_or(0);
+    if (result.port == 0)
       throw WrongInput(transport + ": the peer " + peer + " has no valid port. Fix: write HOST or HOST:PORT");
   }
   in_addr found{};

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cerrno>
-#include <charconv>
 #include <chrono>
 #include <condition_variable>
 #include <cstring>
@@ -15,6 +14,7 @@
 #include <fmt/format.h>
 #include <microhttpd.h>
 
+#include "number.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::watch {
@@ -33,8 +33,8 @@ struct Endpoint {
 Endpoint endpoint_of(const std::string& text) {
   const auto colon = text.rfind(':');
   Endpoint to{colon == text.npos ? "127.0.0.1" : text.substr(0, colon)};
-  const auto digits = colon == text.npos ? text : text.substr(colon + 1);
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), to.port);
+  const auto port = number_in<std::uint16_t>(colon == text.npos ? text : text.substr(colon + 1));
+  to.port = port.value_or(0);
   const bool is_v6 = to.host.starts_with('[') && to.host.ends_with(']');
   const auto host = is_v6 ? to.host.substr(1, to.host.size() - 2) : to.host;
   sockaddr_in6 v6{};
@@ -42,9 +42,8 @@ Endpoint endpoint_of(const std::string& text) {
   v6.sin6_family = AF_INET6;
   v4.sin_family = AF_INET;
   v6.sin6_port = v4.sin_port = htons(to.port);
-  if (error != std::errc{} || end != digits.data() + digits.size() ||
-      ::inet_pton(is_v6 ? AF_INET6 : AF_INET, host.c_str(),
-                  is_v6 ? static_cast<void*>(&v6.sin6_addr) : &v4.sin_addr) != 1)
+  if (!port || ::inet_pton(is_v6 ? AF_INET6 : AF_INET, host.c_str(),
+                           is_v6 ? static_cast<void*>(&v6.sin6_addr) : &v4.sin_addr) != 1)
     throw std::invalid_argument(fmt::format(
         "'{}' is not an address and port, such as 127.0.0.1:9464, [::1]:9464, or 9464 alone (loopback)",
         text));

@@ -9,7 +9,6 @@
 #include <array>
 #include <atomic>
 #include <cerrno>
-#include <charconv>
 #include <cstring>
 #include <system_error>
 #include <thread>
@@ -21,6 +20,7 @@
 #include <sys/socket.h>
 
 #include "message/message.hpp"
+#include "number.hpp"
 #include "transport/clock.hpp"
 #include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
@@ -54,10 +54,8 @@ sockaddr_in ipv4(const std::string& host, int port) {
 }
 
 int port_of(const std::string& text) {
-  int port = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
-  if (error != std::errc{} || end != text.data() + text.size() || port < 1 || port > 65535)
-    throw WrongInput(fmt::format("'{}' is not a UDP port (1 to 65535)", text));
+  const int port = number_in<int>(text).value_or(0);
+  if (port < 1 || port > 65535) throw WrongInput(fmt::format("'{}' is not a UDP port (1 to 65535)", text));
   return port;
 }
 

@@ -3,7 +3,6 @@
 // with the kernel, or, where the driver can (zero-copy), with the device. No queueing discipline, no packet
 // filter.
 #include <cerrno>
-#include <charconv>
 #include <memory>
 #include <optional>
 #include <system_error>
@@ -16,6 +15,7 @@
 #include <xdp/libxdp.h>
 #include <xdp/xsk.h>
 
+#include "number.hpp"
 #include "transport/frames.hpp"
 #include "transport/shipped.hpp"
 #include "transport/xdp/program.hpp"
@@ -66,11 +66,10 @@ std::uint32_t queue_of(const Config& config) {
   const auto option = config.options.find("queue");
   if (option == config.options.end()) return 0;
   const auto& text = option->second;
-  std::uint16_t queue = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), queue);
-  if (error != std::errc{} || end != text.data() + text.size() || queue > 4095)
+  const auto queue = number_in<std::uint16_t>(text);
+  if (!queue || *queue > 4095)
     throw WrongInput(fmt::format("xdp: option queue: '{}' is not a queue number (0 to 4095)", text));
-  return queue;
+  return *queue;
 }
 
 class Queue {
