@@ -36,27 +36,6 @@ using ::testing::StartsWith;
 
 // --- what /proc says
 
-// As of a process that ends while its file is read.
-TEST(Proc, UnreadableFileGivesNoValue) { EXPECT_EQ(text_of("/proc"), std::nullopt); }
-
-TEST(Proc, FieldsAreFoundByTheirWholeName) {
-  const std::string text =
-      "vendor_id\t: A\nmodel\t\t: 17\nmodel name\t: AMD EPYC: 7\nempty :\nmodel name : second\n";
-  EXPECT_EQ(field(text, "model name"), "AMD EPYC: 7");
-  EXPECT_EQ(field(text, "model"), "17");
-  EXPECT_EQ(field(text, "empty"), "");
-  EXPECT_FALSE(field(text, "name"));
-  EXPECT_FALSE(field("", "model"));
-}
-
-TEST(Proc, NumbersAreWholeOrNothing) {
-  EXPECT_EQ(number("-1\n"), -1);
-  EXPECT_EQ(number("950000\n"), 950000);
-  for (const auto* text : {"", "\n", "max", "1 2", "1x", "99999999999999999999"})
-    EXPECT_FALSE(number(text)) << text;
-  EXPECT_FALSE(number(std::nullopt));
-}
-
 TEST(Proc, TicksAndStalls) {
   Activity activity;
   parse_ticks("cpu  10 20 30 400 50 6 7 8 9 10\ncpu0 1 1 1 1 1 1 1 1 1 1\n", activity);

@@ -10,6 +10,27 @@
 namespace ontime::process {
 namespace {
 
+// As of a process that ends while its file is read.
+TEST(Proc, UnreadableFileGivesNoValue) { EXPECT_EQ(text_of("/proc"), std::nullopt); }
+
+TEST(Proc, FieldsAreFoundByTheirWholeName) {
+  const std::string text =
+      "vendor_id\t: A\nmodel\t\t: 17\nmodel name\t: AMD EPYC: 7\nempty :\nmodel name : second\n";
+  EXPECT_EQ(field(text, "model name"), "AMD EPYC: 7");
+  EXPECT_EQ(field(text, "model"), "17");
+  EXPECT_EQ(field(text, "empty"), "");
+  EXPECT_FALSE(field(text, "name"));
+  EXPECT_FALSE(field("", "model"));
+}
+
+TEST(Proc, NumbersAreWholeOrNothing) {
+  EXPECT_EQ(number("-1\n"), -1);
+  EXPECT_EQ(number("950000\n"), 950000);
+  for (const auto* text : {"", "\n", "max", "1 2", "1x", "99999999999999999999"})
+    EXPECT_FALSE(number(text)) << text;
+  EXPECT_FALSE(number(std::nullopt));
+}
+
 TEST(Stat, IsReadByTheKernelsOrderOfFields) {
   const auto stat = parse_stat(
       "7 (a) S 5 6 8 0 -1 2129984 11 12 13 14 150 50 17 18 20 0 1 0 99 10 20 30 1 2 3 4 5 6 7 8 9 0 0 0 17 3 "

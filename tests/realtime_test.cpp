@@ -301,7 +301,7 @@ TEST(LockMemory, LaterMappingsAreLocked) {
   in_child([] {
     if (!lock_memory(1 << 20).empty()) return;  // the refusal is tested above
     const auto locked_kib = [] {
-      return std::stoll(status_field(text_of("/proc/self/status"), "VmLck").value());
+      return std::stoll(process::field(process::text_of("/proc/self/status").value(), "VmLck").value());
     };
     constexpr std::size_t bytes = 2 << 20;
     const auto before = locked_kib();

@@ -7,7 +7,6 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -210,9 +209,7 @@ std::vector<process::Stat> processes() {
   std::vector<process::Stat> found;
   for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
     if (std::isdigit(static_cast<unsigned char>(entry.path().filename().c_str()[0])) == 0) continue;
-    std::ifstream file(entry.path() / "stat");
-    std::string text;
-    std::getline(file, text, '\0');
+    const auto text = process::text_of(entry.path() / "stat").value_or("");
     if (auto process = process::parse_stat(text)) found.push_back(std::move(*process));
   }
   return found;

@@ -9,7 +9,6 @@
 
 #include "fitness/look.hpp"
 #include "machine/machine.hpp"
-#include "machine/proc.hpp"
 #include "realtime/realtime.hpp"
 
 namespace ontime::fitness {
@@ -122,7 +121,7 @@ Findings full_isolation(const Look& look) {
 }
 
 Findings virtualisation(const Look& look) {
-  std::istringstream flags(machine::field(look.text("/proc/cpuinfo").value_or(""), "flags").value_or(""));
+  std::istringstream flags(process::field(look.text("/proc/cpuinfo").value_or(""), "flags").value_or(""));
   for (std::string flag; flags >> flag;)
     if (flag == "hypervisor")
       return {{Severity::hint, "a virtual machine", "real hardware",

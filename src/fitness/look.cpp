@@ -4,20 +4,18 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "machine/proc.hpp"
-
 namespace ontime::fitness {
 
 namespace fs = std::filesystem;
 
 std::optional<std::string> Look::text(const std::string& path) const {
-  const auto all = machine::text_of(at(path));
+  const auto all = process::text_of(at(path));
   if (!all) return {};
-  return machine::word(all).value_or("");
+  return process::word(all).value_or("");
 }
 
 std::optional<std::int64_t> Look::number(const std::string& path) const {
-  return machine::number(text(path));
+  return process::number(text(path));
 }
 
 std::vector<std::string> Look::names(const std::string& folder) const {
@@ -44,7 +42,7 @@ std::string Look::canonical(const std::string& path) const {
 std::vector<process::Stat> Look::processes() const {
   std::vector<process::Stat> found;
   for (const auto& pid : names("/proc"))
-    if (machine::number(pid))
+    if (process::number(pid))
       if (auto stat = process::parse_stat(text("/proc/" + pid + "/stat").value_or("")))
         found.push_back(*std::move(stat));
   return found;

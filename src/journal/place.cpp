@@ -3,7 +3,6 @@
 
 #include <cerrno>
 #include <cstdint>
-#include <fstream>
 #include <thread>
 
 #include <asm/socket.h>
@@ -34,10 +33,7 @@ std::uint64_t cookie() {
 }  // namespace
 
 std::string boot_id() {
-  std::ifstream file("/proc/sys/kernel/random/boot_id");
-  std::string id;
-  file >> id;
-  return id;
+  return process::word(process::text_of("/proc/sys/kernel/random/boot_id")).value_or("");
 }
 
 std::string network_identity(int fd) {

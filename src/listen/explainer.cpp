@@ -8,7 +8,7 @@
 #include "listen/listen.hpp"
 #include "listen/processes.hpp"
 #include "listen/why.hpp"
-#include "machine/proc.hpp"
+#include "process/process.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -18,9 +18,9 @@ constexpr std::int64_t least_before_ns = 100'000'000;
 constexpr std::size_t most_kept = 10'000;  // events of a window, some 130 bytes each in a file
 
 Party owner_of(std::int32_t thread) {
-  const auto status = machine::text_of(fmt::format("/proc/{}/status", thread)).value_or("");
+  const auto status = process::text_of(fmt::format("/proc/{}/status", thread)).value_or("");
   const auto process =
-      static_cast<std::uint32_t>(machine::number(machine::field(status, "Tgid")).value_or(0));
+      static_cast<std::uint32_t>(process::number(process::field(status, "Tgid")).value_or(0));
   return process == 0 ? Party{} : Party{process, process_name(process)};
 }
 

@@ -14,7 +14,6 @@
 #include <sys/stat.h>
 #include <sys/vfs.h>
 
-#include "machine/proc.hpp"
 #include "number.hpp"
 
 namespace ontime::listen {
@@ -55,17 +54,14 @@ bool open_file(Mapping& mapping, Opened& all) {
 
 // 0: the process is gone.
 std::uint64_t start_of(std::uint32_t process) {
-  std::ifstream in(fmt::format("/proc/{}/stat", process));
-  std::string text;
-  std::getline(in, text, '\0');  // its name may have line breaks
-  const auto stat = process::parse_stat(text);
+  const auto stat = process::parse_stat(process::text_of(fmt::format("/proc/{}/stat", process)).value_or(""));
   return stat ? stat->start_ticks : 0;
 }
 
 }  // namespace
 
 std::string process_name(std::uint32_t process) {
-  return machine::word(machine::text_of(fmt::format("/proc/{}/comm", process))).value_or("");
+  return process::word(process::text_of(fmt::format("/proc/{}/comm", process))).value_or("");
 }
 
 std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process) {

@@ -2,50 +2,10 @@
 #include "machine/proc.hpp"
 
 #include <algorithm>
-#include <fstream>
 #include <numeric>
 #include <sstream>
 
-#include "number.hpp"
-
 namespace ontime::machine {
-namespace {
-
-constexpr const char* white = " \t\n\r";
-
-}  // namespace
-
-std::optional<std::string> text_of(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) return {};
-  try {
-    std::string text(std::istreambuf_iterator<char>(file), {});
-    return text;
-  } catch (const std::ios_base::failure&) {  // of a process that has ended meanwhile
-    return {};
-  }
-}
-
-std::optional<std::string> word(const std::optional<std::string>& text) {
-  const auto first = text ? text->find_first_not_of(white) : std::string::npos;
-  if (first == std::string::npos) return {};
-  return text->substr(first, text->find_last_not_of(white) - first + 1);
-}
-
-std::optional<std::int64_t> number(const std::optional<std::string>& text) {
-  const auto digits = word(text);
-  return digits ? number_in<std::int64_t>(*digits) : std::nullopt;
-}
-
-std::optional<std::string> field(const std::string& text, const std::string& key) {
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    const auto colon = line.find(':');
-    if (colon != line.npos && word(line.substr(0, colon)) == key)
-      return word(line.substr(colon + 1)).value_or("");
-  }
-  return {};
-}
 
 void parse_ticks(const std::string& text, Activity& activity) {
   std::istringstream fields(text);

@@ -10,17 +10,11 @@
 #include <vector>
 
 #include "machine/machine.hpp"
+#include "process/process.hpp"
 
 namespace ontime::machine {
 
-// Nothing if it cannot be read; an empty file is empty text.
-std::optional<std::string> text_of(const std::string& path);
-// Without white space at its ends; nothing if nothing is left.
-std::optional<std::string> word(const std::optional<std::string>& text);
-std::optional<std::int64_t> number(const std::optional<std::string>& text);
-
-// The value behind "key :" in a file such as /proc/cpuinfo or /proc/meminfo; the first if there are several.
-std::optional<std::string> field(const std::string& text, const std::string& key);
+using process::field, process::number, process::text_of, process::word;
 
 // Of the text of a file in /proc/pressure: microseconds in which some task waited, or -1.
 std::int64_t parse_stall(const std::string& text);

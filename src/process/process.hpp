@@ -53,6 +53,14 @@ std::vector<std::string> command_line();  // of this process; empty without /pro
 bool has_ended(pid_t);
 int wait_for(pid_t);  // the status of waitpid()
 
+// Of a file such as those of /proc and /sys. Nothing if it cannot be read; an empty file is empty text.
+std::optional<std::string> text_of(const std::string& path);
+// Without white space at its ends; nothing if nothing is left.
+std::optional<std::string> word(const std::optional<std::string>& text);
+std::optional<std::int64_t> number(const std::optional<std::string>& text);
+// The value behind "key :" in a file such as /proc/cpuinfo or /proc/meminfo; the first if there are several.
+std::optional<std::string> field(const std::string& text, const std::string& key);
+
 // A process, or a thread of one, in a file /proc/…/stat: proc(5).
 struct Stat {
   pid_t pid, parent, group;  // pid: of a thread its own id

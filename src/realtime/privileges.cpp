@@ -27,13 +27,15 @@ std::string path_of_program() {
 }  // namespace
 
 bool has_capability(const std::string& status, int capability) {
-  const auto effective = status_field(status, "CapEff").value_or("");
+  const auto effective = process::field(status, "CapEff").value_or("");
   std::uint64_t mask = 0;
   std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
   return (mask >> capability & 1U) != 0;
 }
 
-bool capable(int capability) { return has_capability(text_of("/proc/thread-self/status"), capability); }
+bool capable(int capability) {
+  return has_capability(process::text_of("/proc/thread-self/status").value_or(""), capability);
+}
 
 std::string limit_of(int resource) {
   rlimit limit{};
@@ -75,8 +77,8 @@ std::string how_to_permit_service(const std::string& environment, const std::str
 }
 
 std::string how_to_permit(int priority) {
-  if (auto by_unit =
-          how_to_permit_service(text_of("/proc/self/environ"), text_of("/proc/self/cgroup"), priority);
+  if (auto by_unit = how_to_permit_service(process::text_of("/proc/self/environ").value_or(""),
+                                           process::text_of("/proc/self/cgroup").value_or(""), priority);
       !by_unit.empty())
     return by_unit;
   return fmt::format(
@@ -102,8 +104,8 @@ std::vector<std::string> budget_files(const std::string& cgroup) {
 }
 
 std::string file_of_empty_realtime_budget() {
-  for (const auto& file : budget_files(text_of("/proc/self/cgroup")))
-    if (const auto budget = text_of(file); !budget.empty()) return budget == "0\n" ? file : "";
+  for (const auto& file : budget_files(process::text_of("/proc/self/cgroup").value_or("")))
+    if (const auto budget = process::number(process::text_of(file))) return budget == 0 ? file : "";
   return "";
 }
 

@@ -1,20 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "realtime/state.hpp"
 
-#include <charconv>
-#include <fstream>
-#include <sstream>
-
 #include <fmt/format.h>
 #include <linux/perf_event.h>
+
+#include "number.hpp"
 
 namespace ontime::realtime {
 namespace {
 
 std::uint64_t number_of(const std::optional<std::string>& text) {
-  std::uint64_t number = 0;
-  if (text) std::from_chars(text->data(), text->data() + text->size(), number);
-  return number;
+  return number_in<std::uint64_t>(text.value_or("")).value_or(0);
 }
 
 // SCHED_BATCH and SCHED_IDLE are ordinary, too.
@@ -35,31 +31,14 @@ std::chrono::nanoseconds cpu_time_of(pid_t tid) {
 
 }  // namespace
 
-std::string text_of(const std::string& path) {
-  std::ifstream file(path);
-  std::ostringstream text;
-  text << file.rdbuf();
-  return text.str();
-}
-
-std::optional<std::string> status_field(const std::string& text, const std::string& key) {
-  std::istringstream lines(text);
-  for (std::string line; std::getline(lines, line);) {
-    if (!line.starts_with(key + ':')) continue;
-    const auto value = line.find_first_not_of(" \t", key.size() + 1);
-    return value == line.npos ? "" : line.substr(value);
-  }
-  return {};
-}
-
 std::optional<ThreadState> read(pid_t tid) {
   const auto folder = fmt::format("/proc/self/task/{}/", tid);
   ThreadState state;
   state.tid = tid;
   const auto attributes = attributes_of(tid);
-  const auto status = text_of(folder + "status");
-  const auto cpus = status_field(status, "Cpus_allowed_list");
-  const auto stat = process::parse_stat(text_of(folder + "stat"));
+  const auto status = process::text_of(folder + "status").value_or("");
+  const auto cpus = process::field(status, "Cpus_allowed_list");
+  const auto stat = process::parse_stat(process::text_of(folder + "stat").value_or(""));
   if (!attributes || !cpus || !stat) return {};
   state.minor_faults = stat->minor_faults;
   state.major_faults = stat->major_faults;
@@ -67,9 +46,9 @@ std::optional<ThreadState> read(pid_t tid) {
   state.priority = static_cast<int>(attributes->priority);
   state.cpus = *cpus;
   state.cpu_time = cpu_time_of(tid);
-  state.voluntary_switches = number_of(status_field(status, "voluntary_ctxt_switches"));
-  state.involuntary_switches = number_of(status_field(status, "nonvoluntary_ctxt_switches"));
-  state.name = text_of(folder + "comm");
+  state.voluntary_switches = number_of(process::field(status, "voluntary_ctxt_switches"));
+  state.involuntary_switches = number_of(process::field(status, "nonvoluntary_ctxt_switches"));
+  state.name = process::text_of(folder + "comm").value_or("");
   if (state.name.ends_with('\n')) state.name.pop_back();
   return state;
 }

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the kernel says of a thread: the files of /proc/self/task/TID, as pure functions of their text; and
 // sched_setattr(2) and sched_getattr(2), for which glibc has no functions.
 #pragma once
 
 #include <cerrno>
 #include <cstdint>
 #include <optional>
-#include <string>
 
 #include <sys/syscall.h>
 #include <sys/types.h>
@@ -15,11 +13,6 @@
 #include "realtime/realtime.hpp"
 
 namespace ontime::realtime {
-
-// The value behind "key:" in a file such as status; nothing if there is no such line.
-std::optional<std::string> status_field(const std::string& text, const std::string& key);
-// Empty if it cannot be read.
-std::string text_of(const std::string& path);
 
 // The kernel's struct sched_attr, first published form. Its own header clashes with glibc's <sched.h>.
 struct Attributes {

@@ -24,10 +24,7 @@ std::string cpus_now(pid_t tid) {
   return state ? state->cpus : "none";
 }
 
-std::string first_line_of(const std::string& path) {
-  const auto text = text_of(path);
-  return text.substr(0, text.find('\n'));
-}
+std::string value_in(const std::string& path) { return process::word(process::text_of(path)).value_or(""); }
 
 std::string asked_policy(const std::string& who, const ThreadSettings& settings) {
   if (settings.policy == Policy::other) return fmt::format("SCHED_OTHER for thread {}", who);
@@ -66,7 +63,7 @@ Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
             how_to_permit(settings.priority)};
   }
   if (deadline)
-    return {fmt::format("its CPUs are {} of {}", cpus_now(tid), first_line_of(online_cpus)),
+    return {fmt::format("its CPUs are {} of {}", cpus_now(tid), value_in(online_cpus)),
             "SCHED_DEADLINE needs all CPUs: do not set the thread's CPUs (also not with taskset), or use an "
             "exclusive cpuset (sched(7))"};
   return {"although the process has CAP_SYS_NICE",
@@ -82,8 +79,8 @@ Explanation explain(int error, pid_t tid, const ThreadSettings& settings) {
             "period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
   if (error == EBUSY)
     return {fmt::format("all deadline threads together may use {} of every {} µs on each CPU",
-                        first_line_of("/proc/sys/kernel/sched_rt_runtime_us"),
-                        first_line_of("/proc/sys/kernel/sched_rt_period_us")),
+                        value_in("/proc/sys/kernel/sched_rt_runtime_us"),
+                        value_in("/proc/sys/kernel/sched_rt_period_us")),
             "set a smaller runtime or a longer period, or use fewer deadline threads"};
   return {"", "see sched_setattr(2)"};
 }
@@ -102,7 +99,7 @@ std::optional<Refusal> set_affinity(pid_t tid, const std::string& who, const std
   return Refusal{fmt::format("CPUs {} for thread {}", list_of(cpus), who),
                  error == 0 ? fmt::format("only CPUs {} granted", got) : message_of(error),
                  fmt::format("set CPUs among {} ({}) that its cpuset control group also allows",
-                             first_line_of(online_cpus), online_cpus)};
+                             value_in(online_cpus), online_cpus)};
 }
 
 std::optional<Refusal> set_policy(pid_t tid, const std::string& who, const ThreadSettings& settings,
