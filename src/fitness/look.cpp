@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "settings/file.hpp"
+
 namespace ontime::fitness {
 
 namespace fs = std::filesystem;
@@ -19,12 +21,7 @@ std::optional<std::int64_t> Look::number(const std::string& path) const {
 }
 
 std::vector<std::string> Look::names(const std::string& folder) const {
-  std::vector<std::string> names;
-  std::error_code none;
-  for (const auto& entry : fs::directory_iterator(at(folder), none))
-    names.push_back(entry.path().filename().string());
-  std::sort(names.begin(), names.end());
-  return names;
+  return settings::names_in(at(folder));
 }
 
 bool Look::exists(const std::string& path) const {
