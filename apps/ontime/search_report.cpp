@@ -49,15 +49,15 @@ const char* unit_of(const search::Limit& limit) {
 }
 
 // "p99.9 < 1 ms: 3 of 24000 messages break it, 95 % confidence interval [0.001, 0.06] %"; where the goal
-// holds, with the one-sided limit of the proof: "…; proven: less than 0.09 % (goal: 0.1 %), if they come in
-// bursts of up to 5".
+// holds, on a second line the one-sided limit of the proof: "proven: less than 0.09 % (goal: 0.1 %), if they
+// come in bursts of up to 5".
 std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
   auto text = fmt::format("{}: {:.0f} of {:.0f} {} break it", limit.text, share.events, share.messages,
                           unit_of(limit));
   if (proof == nullptr)
     return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
                               percent(share.range.high));
-  text += fmt::format("; proven: less than {} % ({}: {} %)", percent(proof->below),
+  text += fmt::format("\n    proven: less than {} % ({}: {} %)", percent(proof->below),
                       limit.share > 0 ? "goal" : "one burst per run", percent(proof->permitted));
   if (limit.share > 0)
     text += proof->burst < 2
