@@ -170,8 +170,8 @@ TEST(JudgeAChange, DifferenceAndRatioAreJudgedByTheSameInterval) {
              most = run(measured(30, 29, 31));
   std::string interval;
   for (const auto* text : {"p99 > +1%", "p99 > +10 us"}) {
-    const auto judgement =
-        judge(parse(text, Use::fail_if_compared), {&low, &low, &low}, {&some, &more, &most});
+    const auto judgement = judge(parse(text, Use::fail_if_compared), {&low, &low, &low, &low, &low},
+                                 {&some, &more, &most, &some, &more});
     EXPECT_EQ(judgement.result, Result::missed) << text;
     const auto of_this = judgement.says.substr(judgement.says.find("98 % interval"));
     EXPECT_TRUE(interval.empty() || of_this == interval) << of_this;
