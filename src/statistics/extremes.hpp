@@ -16,8 +16,8 @@
 //
 // Tests: the stretches' maxima have no trend (Mann 1945, Kendall) and do not cluster (runs about the median:
 // Wald & Wolfowitz 1940); both halves have as many peaks (binomial); each at 1 %. The fit: at 5 %. A failed
-// test refuses the bound. So do fewer than ten effective values (confidence.hpp) above the threshold, or above
-// the level that a fifth of them pass: rarer levels may cluster more than the extremal index says.
+// test refuses the bound. So do fewer than ten effective values (confidence.hpp) above the threshold, or
+// above the level that a fifth of them pass: rarer levels may cluster more than the extremal index says.
 //
 // Not valid for causes that were not at work in the run, such as a nightly backup.
 #pragma once
