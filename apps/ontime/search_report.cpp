@@ -58,7 +58,7 @@ std::string share_text(const search::Limit& limit, const search::Share& share, c
     return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
                               percent(share.range.high));
   text += fmt::format("\n    proven: less than {} % ({}: {} %)", percent(proof->below),
-                      limit.share > 0 ? "goal" : "one burst per run", percent(proof->permitted));
+                      limit.share > 0 ? "goal" : "one burst in each run would be", percent(proof->permitted));
   if (limit.share > 0)
     text += proof->burst < 2
                 ? ", if they come one by one"

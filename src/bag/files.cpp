@@ -120,9 +120,10 @@ Files files_in(const fs::path& folder) {
 }  // namespace
 
 Files files_of(const std::string& path) {
-  if (!fs::is_directory(path)) return {{path}, {}};
+  std::error_code error;  // of a link to itself, for example: reading the file tells why
+  if (!fs::is_directory(path, error)) return {{path}, {}};
   const auto metadata = fs::path(path) / "metadata.yaml";
-  return fs::exists(metadata) ? files_by(metadata) : files_in(path);
+  return fs::exists(metadata, error) ? files_by(metadata) : files_in(path);
 }
 
 std::unique_ptr<Reader> reader_of(const std::string& path) {

@@ -154,20 +154,20 @@ bool may_exceed(const statistics::Change& change, double value) {
   return !high || (change.ratio ? change.from * *high : change.from + *high) > value;
 }
 
-// Where to − from lies, by the interval that decides. A share lies between 0 and 1.
+// Where to − from lies, by the interval that decides. A share lies between 0 and 1; the true `from`, too.
 Interval difference_lies(const Gate& gate, const statistics::Change& change) {
   auto lies = change.lies();
   for (auto* end : {&lies.low, &lies.high}) {
     if (*end && change.ratio) *end = change.from * (**end - 1);
-    if (*end && is_share(gate)) *end = std::clamp(**end, -change.from, 1 - change.from);
+    if (*end && is_share(gate)) *end = std::clamp(**end, -1.0, 1.0);
   }
   return lies;
 }
 
-// "(+30 %), 98 % interval [+28 %, +32 %]". Of shares in points if the limit is, or if a run had none late or
-// lost: percent would read as a ratio.
+// "(+30 %), 98 % interval [+28 %, +32 %]"; in points or as a time if the limit is. Of shares also if a run
+// had none late or lost: percent would read as a ratio.
 std::string change_words(const Gate& gate, const statistics::Change& change) {
-  if (change.ratio && (gate.kind == Gate::Limit::ratio || !is_share(gate))) {
+  if (change.ratio && gate.kind == Gate::Limit::ratio) {
     const auto in_percent = [](double ratio) {
       if (ratio > 100) return std::string("over 100 times");
       const double percent = (ratio - 1) * 100;
@@ -176,7 +176,7 @@ std::string change_words(const Gate& gate, const statistics::Change& change) {
     return fmt::format("({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
   }
   const auto text = [&](double value) {
-    return is_share(gate) ? fmt::format("{:+.3g} points", value * 100)
+    return is_share(gate) ? fmt::format("{:+.3g} points", value * 100 + 0.0)  // not -0
                           : (value < 0 ? "" : "+") + time_of(value);
   };
   return fmt::format("({}), {}", text(change.to - change.from),
