@@ -164,6 +164,15 @@ TEST(Answer, LongWordsThatAreCutStayApart) {
   EXPECT_NE(rows[2], rows[3]);
 }
 
+TEST(Answer, LongTopicKeepsItsQuantity) {
+  record::Asked asked;
+  asked.measures = "period";
+  asked.id = "/" + std::string(80, 'x') + " period";
+  EXPECT_EQ(id_of(asked), "/" + std::string(51, 'x') + "… period");
+  asked.id = "/scan period";
+  EXPECT_EQ(id_of(asked), "/scan period");
+}
+
 TEST(Answer, NamesThatAreCutStayApart) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "a", "udp", {}), run(3, "a", "udp", {})};
   for (std::size_t i = 1; i < 3; ++i) {

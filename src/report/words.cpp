@@ -30,7 +30,12 @@ const char* quantity_of(const record::Asked& asked) {
   return asked.measures == "age" ? "Age" : "Period";
 }
 
-std::string id_of(const record::Asked& asked) { return shortened(word(asked.id), gate::longest_id); }
+std::string id_of(const record::Asked& asked) {
+  // A topic's age and its period have ids that differ at their ends alone.
+  const auto id = word(asked.id), quantity = " " + asked.measures;
+  if (!asked.is_listened() || !id.ends_with(quantity)) return shortened(id, gate::longest_id);
+  return shortened(id.substr(0, id.size() - quantity.size()), gate::longest_id - quantity.size()) + quantity;
+}
 
 std::string cell_of(const nlohmann::ordered_json& value) {
   if (value.is_null()) return "";
