@@ -30,7 +30,7 @@ TEST(Answer, NothingLateSaysHowLongToMeasure) {
   // 3 / 1e-4 messages of 10 ms.
   EXPECT_THAT(
       answer.next,
-      Contains(AllOf(Field(&Answer::Step::why, "Prove < 1 in 10,000"),
+      Contains(AllOf(Field(&Answer::Step::why, "Prove < 1 miss in 10,000"),
                      Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
 }
 

@@ -239,7 +239,7 @@ void add_longer(Findings& found, const std::vector<Entry>& entries) {
             std::max(found.longer_ns, statistics::messages_to_claim(claim, run->missed_probability.effect) *
                                           run->message_every_ns);
   found.longer_tells =
-      fmt::format("Prove < 1 in {}", grouped(static_cast<std::uint64_t>(std::llround(1 / claim))));
+      fmt::format("Prove < 1 miss in {}", grouped(static_cast<std::uint64_t>(std::llround(1 / claim))));
 }
 
 std::string common_conditions(const std::vector<Entry>& entries) {

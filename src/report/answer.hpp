@@ -80,7 +80,7 @@ struct Findings {
   const statistics::Summary* longer =
       nullptr;  // nothing was late; if it took so long, that would be bounded closer
   double longer_ns = 0;
-  std::string longer_tells;  // "Prove < 1 in 10,000"
+  std::string longer_tells;  // "Prove < 1 miss in 10,000"
 };
 std::vector<Answer::Step> next_steps(const Findings&, const Origin&);
 
