@@ -330,6 +330,16 @@ TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
   EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10000' 10000, '× 1e+08' 1e+08)"));
 }
 
+TEST(Gnuplot, NamesOfCloseRatiosDoNotOverlap) {
+  Summaries from, to;
+  for (int i = 1; i <= 5; ++i) {
+    from.push_back(measured(asked("before", "udp", i), 400'000 + i * 100));
+    to.push_back(measured(asked("after", "udp", i), 800'000 + i * 100));
+  }
+  EXPECT_THAT(gnuplot_of(compare_chosen(from, to), {}),
+              HasSubstr("set xtics ('× 1' 1, '× 1.4' 1.4, '× 2' 2)"));
+}
+
 TEST(Gnuplot, MessageDueLongAfterTheOthersIsCountedBesideTheFigure) {
   auto run = plotted("a", "udp");
   EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));

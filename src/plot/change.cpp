@@ -23,7 +23,8 @@ constexpr Metric ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_t
                              {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
                              {Times::round_trip, Figure::p99_9}, {Times::response, Figure::p99},
                              {Times::response, Figure::p99_9}};
-constexpr Metric shares[] = {{Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
+constexpr Metric shares[] = {
+    {Times::response, Figure::late}, {Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
 
 // An end of an interval that is farther from its ratio tells no more than one that is open, and would leave
 // the rest of the axis too little room.
@@ -114,18 +115,28 @@ Ratios ratios_of(const std::vector<Panel>& panels) {
   return all;
 }
 
+// From 1 outwards, as many as have room for their names: "× 1e+15" takes 1.1 cm, and an axis of one column
+// has 3.9 cm.
 std::string ratio_tics(const Ratios& range) {
-  const std::vector<double> close = {0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.4, 1.6, 1.8},
-                            wide = {0.1, 0.2, 0.5, 1, 2, 5, 10};
-  std::vector<double> widest;
+  constexpr double name_cm = 1.1, axis_cm = 3.9;
   const auto span = range.greatest / range.least;
-  // So that each name has room: "× 1e+15" takes 1.1 cm, and an axis of one column has 3.9 cm.
-  const int every = 1 + static_cast<int>(std::log10(span) / 3.2);
-  for (int power = -20 * every; power <= 20 * every; power += every) widest.push_back(std::pow(10, power));
-  std::vector<std::string> tics;
-  for (const auto ratio : span < 3 ? close : span < 30 ? wide : widest)
-    if (ratio >= range.least && ratio <= range.greatest)
-      tics.push_back(fmt::format("'× {0:g}' {0:g}", ratio));
+  const double apart = std::log(span) * name_cm / axis_cm;
+  std::vector<double> above = {1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.5}, below = {0.9, 0.8, 0.7, 0.6, 0.5};
+  if (span >= 3) {
+    above = {2, 5, 10, 20}, below = {0.5, 0.2, 0.1, 0.05};
+    if (span >= 30) above.clear(), below.clear();
+    for (int power = 1; span >= 30 && power <= std::log10(span); ++power) {
+      above.push_back(std::pow(10, power));
+      below.push_back(std::pow(10, -power));
+    }
+  }
+  std::vector<std::string> tics = {"'× 1' 1"};
+  for (const auto* side : {&above, &below}) {
+    double last = 1;
+    for (const double ratio : *side)
+      if (ratio >= range.least && ratio <= range.greatest && std::abs(std::log(ratio / last)) >= apart)
+        tics.push_back(fmt::format("'× {0:g}' {0:g}", last = ratio));
+  }
   return fmt::format("set xtics ({})", join(tics, ", "));
 }
 
