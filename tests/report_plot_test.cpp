@@ -192,6 +192,13 @@ TEST(Gnuplot, AxesHaveNumbersThatCanBeRead) {
   EXPECT_THAT(wide, HasSubstr("'' 10 1,"));
 }
 
+TEST(Gnuplot, AxisWithOnePowerOfTenHasOtherNumbers) {
+  EXPECT_EQ(plot::time_tics("y", 0.03, 0.95),
+            "set ytics ('50 µs' 0.05, '100 µs' 0.1, '200 µs' 0.2, '500 µs' 0.5)");
+  EXPECT_THAT(plot::time_tics("y", 0.03, 1.1),
+              AllOf(HasSubstr("'' 0.05 1, '100 µs' 0.1"), HasSubstr("'1 ms' 1")));
+}
+
 TEST(Gnuplot, LossThatIsNotKnownIsNotNone) {
   auto run = plotted("a", "udp");
   EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr(" lost of "));

@@ -121,7 +121,7 @@ struct Lines {
 }  // namespace
 
 std::string plot_conditions(const Group& group, const Plot& plot) {
-  constexpr double left_cm = 0.3, right_cm = 0.45, top_cm = 0.1, strip_cm = 0.5, gap_cm = 0.12,
+  constexpr double left_cm = 0.55, right_cm = 0.45, top_cm = 0.1, strip_cm = 0.5, gap_cm = 0.12,
                    bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot), inner_cm = width - left_cm - right_cm;
   const auto conditions = conditions_of(group);

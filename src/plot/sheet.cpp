@@ -147,8 +147,10 @@ void Legend::draw(Sheet& sheet, double left, double top) const {
 }
 
 std::string time_tics(const char* axis, double least_ms, double greatest_ms) {
-  // Few powers of ten: others have a name too, and of many only each third.
+  // Fewer than two powers of ten: others have a name too. Of many only each third.
   const auto span = greatest_ms / least_ms;
+  const bool all_named =
+      span < 30 || std::floor(std::log10(greatest_ms)) - std::ceil(std::log10(least_ms)) < 1;
   const int every = span > 2e6 ? 3 : 1;
   const auto digits = span < 4 ? std::vector<double>{1, 1.5, 2, 3, 5, 7} : std::vector<double>{1, 2, 5};
   std::vector<std::string> tics;
@@ -156,7 +158,7 @@ std::string time_tics(const char* axis, double least_ms, double greatest_ms) {
     for (const auto digit : digits) {
       const auto ms = digit * std::pow(10, power);
       if (ms < least_ms || ms > greatest_ms) continue;
-      const bool named = (digit == 1 && power % every == 0) || span < 30;
+      const bool named = (digit == 1 && power % every == 0) || all_named;
       const auto [unit, size] = ms >= 999        ? std::pair{"s", 1e3}
                                 : ms >= 0.999    ? std::pair{"ms", 1.0}
                                 : ms >= 0.000999 ? std::pair{"µs", 1e-3}
