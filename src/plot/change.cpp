@@ -121,21 +121,18 @@ std::string ratio_tics(const Ratios& range) {
   constexpr double name_cm = 1.1, axis_cm = 3.9;
   const auto span = range.greatest / range.least;
   const double apart = std::log(span) * name_cm / axis_cm;
-  std::vector<double> above = {1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.5}, below = {0.9, 0.8, 0.7, 0.6, 0.5};
-  if (span >= 3) {
-    above = {2, 5, 10, 20}, below = {0.5, 0.2, 0.1, 0.05};
-    if (span >= 30) above.clear(), below.clear();
-    for (int power = 1; span >= 30 && power <= std::log10(span); ++power) {
-      above.push_back(std::pow(10, power));
-      below.push_back(std::pow(10, -power));
-    }
-  }
+  std::vector<double> ratios;  // on each side in this order
+  if (span < 3) ratios = {1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.5, 0.9, 0.8, 0.7, 0.6, 0.5};
+  if (span >= 3 && span < 30) ratios = {2, 5, 10, 20, 0.5, 0.2, 0.1, 0.05};
+  for (int power = 1; span >= 30 && power <= std::log10(span); ++power)
+    for (const int sign : {1, -1}) ratios.push_back(std::pow(10, sign * power));
   std::vector<std::string> tics = {"'× 1' 1"};
-  for (const auto* side : {&above, &below}) {
-    double last = 1;
-    for (const double ratio : *side)
-      if (ratio >= range.least && ratio <= range.greatest && std::abs(std::log(ratio / last)) >= apart)
-        tics.push_back(fmt::format("'× {0:g}' {0:g}", last = ratio));
+  double above = 1, below = 1;
+  for (const double ratio : ratios) {
+    auto& last = ratio > 1 ? above : below;
+    if (ratio < range.least || ratio > range.greatest || std::abs(std::log(ratio / last)) < apart) continue;
+    tics.push_back(fmt::format("'× {0:g}' {0:g}", ratio));
+    last = ratio;
   }
   return fmt::format("set xtics ({})", join(tics, ", "));
 }
