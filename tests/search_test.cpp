@@ -59,6 +59,22 @@ TEST(Measured, CalmRunsOfOtherSetsDoNotShortenTheBurstsOfOne) {
       << "nor do they hold for bursts that others have";
 }
 
+// Beyond 40 each run has fewer than five bursts; how runs of other sets differ is known all the same.
+TEST(Measured, BurstsOfOneSetDoNotHideHowRunsOfOthersDiffer) {
+  Problem problem;
+  problem.goal = {{"p99 < 1 ms", 0.01}};
+  double before = 0;
+  for (const double effect : {39.0, 41.0}) {
+    Measured measured(problem);
+    for (const double events : {10, 150, 5, 155, 10, 150}) measured.add({}, {{{events, 24'000, 30}}, {}, {}});
+    const Set set = {{"realtime", "on"}};
+    for (int i = 0; i < 5; ++i) measured.add(set, {{{100, 24'000, effect}}, {}, {}});
+    const auto below = measured.proofs(measured.of(set), 0.0125).front().below;
+    EXPECT_GE(below, before * 0.98) << effect;
+    before = below;
+  }
+}
+
 TEST(Evidence, LookingAfterEachRunRarelyProvesWhatIsNotSo) {
   std::mt19937_64 chance(2);
   int wrong = 0;

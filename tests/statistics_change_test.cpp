@@ -158,6 +158,8 @@ TEST(Change, MeanOfRepetitionsIsTheirsAndNotOfWhatNoneOfThemSaw) {
   const auto a = repetitions(kinds().front(), 5, 1000, 0, 1, random);
   auto b = repetitions(kinds().front(), 5, 1000, 0, 2, random);
   EXPECT_EQ(change_of(a, b, Figure::mean)->verdict(), Verdict::worse);
+  EXPECT_EQ(change_of({a[0], a[1]}, {b[0], b[1]}, Figure::mean)->verdict(), Verdict::cannot_tell)
+      << "a stall may have missed two";
 }
 
 TEST(Change, ManyShortRunsTellAsMuchAsOneLongRun) {

@@ -202,6 +202,19 @@ TEST(Extremes, SeldomGiveABoundThatIsWrongWhereBurstsAreFew) {
   EXPECT_LE(wrong, runs * 12 / 100) << "23 of 100 if only the extremal index counts";
 }
 
+TEST(Extremes, TiesOfACoarseClockAreNoBurst) {
+  Random random(36);
+  int few = 0;
+  for (int i = 0; i < 20; ++i) {
+    auto values = independent(3000, random, exponential);
+    for (auto& value : values) value = std::round(value / 100) * 100;
+    const auto found = extremes_of(values);
+    for (const auto& bound : {found.maxima, found.peaks})
+      few += bound && bound->refused.find("bursts") != std::string::npos ? 1 : 0;
+  }
+  EXPECT_LE(few, 2);
+}
+
 TEST(Extremes, GiveNoBoundWhereTheRunDoesNotAllowOne) {
   Random random(33);
   EXPECT_THAT(extremes_of(independent(999, random, exponential)).refused, HasSubstr("needed 1000"));

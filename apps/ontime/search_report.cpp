@@ -57,7 +57,7 @@ std::string share_text(const search::Limit& limit, const search::Share& share, c
   if (proof == nullptr)
     return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
                               percent(share.range.high));
-  text += fmt::format("\n    proven: less than {} % ({}: {} %)", percent(proof->below),
+  text += fmt::format("\n    proven: less than {} % ({}: {} %)", percent(report::rounded_up(proof->below)),
                       limit.share > 0 ? "goal" : "one burst in each run would be", percent(proof->permitted));
   if (limit.share > 0)
     text += proof->burst < 2

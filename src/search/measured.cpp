@@ -26,7 +26,7 @@ double effect_of(const Runs& runs, std::size_t limit) {
     weighted += run->tallies[limit].effect * run->tallies[limit].messages;
     messages += run->tallies[limit].messages;
   }
-  return messages > 0 ? weighted / messages : 1;
+  return messages > 0 ? std::max(1.0, weighted / messages) : 1;
 }
 
 double per_run(const Runs& runs, const Runs& others = {}) {
@@ -131,23 +131,22 @@ Count Measured::effective(const Count& count, const Spread& spread, double of_a_
   return {count.events / effect, count.messages / effect};
 }
 
-Measured::Spread Measured::spread(std::size_t limit, const Runs& of) const {
+Measured::Spread Measured::spread(std::size_t limit, const Runs& own) const {
   double variation = prior_variation * prior_freedoms, freedoms = prior_freedoms;
   Runs all;
-  for (const auto& [set, runs] : runs_)
-    for (const auto& run : runs) all.push_back(run.get());
-  // Calm runs show no bursts: they must not shorten those of others.
-  const auto within = std::max({1.0, effect_of(all, limit), effect_of(of, limit)});
-  for (const auto& [set, runs] : runs_) {
-    const auto count = static_cast<double>(runs.size());
+  for (const auto& [set, unused] : runs_) {
+    const auto runs = of(set);
+    all.insert(all.end(), runs.begin(), runs.end());
+    const auto count = static_cast<double>(runs.size()), within = effect_of(runs, limit);
     double events = 0, squares = 0;
-    for (const auto& run : runs) events += run->tallies[limit].events / count;
+    for (const auto* run : runs) events += run->tallies[limit].events / count;
     if (runs.size() < 2 || events < 2 * within) continue;
-    for (const auto& run : runs) squares += std::pow(run->tallies[limit].events / events - 1, 2);
+    for (const auto* run : runs) squares += std::pow(run->tallies[limit].events / events - 1, 2);
     variation += squares - (count - 1) * within / events;
     freedoms += count - 1;
   }
-  return {within, std::max(0.0, variation / freedoms)};
+  // Calm runs show no bursts: they must not shorten those of others.
+  return {std::max(effect_of(all, limit), effect_of(own, limit)), std::max(0.0, variation / freedoms)};
 }
 
 }  // namespace ontime::search

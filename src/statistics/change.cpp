@@ -176,8 +176,8 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   auto before = known_of(from, times, figure), after = known_of(to, times, figure);
   if (before.runs.empty() || after.runs.empty()) return {};
   // The interval of one run's mean allows for a message as late as the time-out that it did not see. What
-  // several runs did not see is no change.
-  if (figure == Figure::mean && before.runs.size() > 1 && after.runs.size() > 1)
+  // several runs did not see is no change; two may both have missed it.
+  if (figure == Figure::mean && before.runs.size() > 2 && after.runs.size() > 2)
     for (auto* known : {&before, &after})
       for (auto& run : known->runs) run.surer = {};
   const auto as_it_is = [](double value) { return value; };

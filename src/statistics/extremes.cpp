@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <map>
 #include <random>
 #include <utility>
@@ -128,9 +129,10 @@ std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std
   return peaks;
 }
 
-double effective_above(std::span<const float> values, float threshold) {
+// Of the values from `least` on.
+double effective_from(std::span<const float> values, float least) {
   Batches batches;
-  for (const auto value : values) batches.add(value > threshold);
+  for (const auto value : values) batches.add(value >= least);
   const auto all = batches.all();
   return sum_of(all).events / design_effect(all);
 }
@@ -141,14 +143,14 @@ bool are_of_few_bursts(std::span<const float> values, const std::vector<std::siz
   std::vector<float> slowest;
   slowest.reserve(places.size());
   for (const auto place : places) slowest.push_back(values[place]);
-  auto rarer = threshold;
+  const auto least = std::nextafter(threshold, std::numeric_limits<float>::infinity());
+  auto rarer = least;
   if (const auto fifth = std::max(fewest_peaks, slowest.size() / 5); fifth < slowest.size()) {
     const auto at = slowest.begin() + static_cast<std::ptrdiff_t>(fifth);
     std::nth_element(slowest.begin(), at, slowest.end(), std::greater<>());
     rarer = *at;
   }
-  return std::min(effective_above(values, threshold), effective_above(values, rarer)) <
-         fewest_effective_slowest;
+  return std::min(effective_from(values, least), effective_from(values, rarer)) < fewest_effective_slowest;
 }
 
 // p-value of an even split over the two halves of the run.
