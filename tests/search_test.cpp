@@ -59,7 +59,7 @@ TEST(Measured, CalmRunsOfOtherSetsDoNotShortenTheBurstsOfOne) {
       << "nor do they hold for bursts that others have";
 }
 
-// Beyond 40 each run has fewer than five bursts; how runs of other sets differ is known all the same.
+// Beyond 40 each run has fewer than five bursts; how runs of other sets differ is known.
 TEST(Measured, BurstsOfOneSetDoNotHideHowRunsOfOthersDiffer) {
   Problem problem;
   problem.goal = {{"p99 < 1 ms", 0.01}};
