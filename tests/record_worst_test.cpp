@@ -97,7 +97,7 @@ TEST_F(Bounded, ABurstDoesNotExceedIt) {
   writer.keep_worst(bound);
   const auto run = writer.begin_run(asked());
   std::uint64_t most = 0;
-  for (std::uint64_t miss = 1; miss <= 12'000; ++miss) {
+  for (std::uint64_t miss = 1; miss <= 4'000; ++miss) {
     std::vector<Sample> around;
     for (auto index = 100 * miss - samples_around; index <= 100 * miss + samples_around; ++index) {
       Sample& sample = around.emplace_back();

@@ -78,7 +78,7 @@ inline constexpr std::int64_t samples_around = 16;
 
 // A thread of the Writer writes to the disk. begin_run(), end_run(), flush(), reader() and the destructor
 // wait for it. append() and note() of a current run do not wait, however long the disk stalls, until four
-// million samples are queued (in a bounded file: a sixteenth of its size). They throw the errors of earlier
+// million samples are queued (in a bounded file: a thirty-second of its size). They throw the errors of earlier
 // writes.
 class Writer {
  public:
