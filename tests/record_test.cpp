@@ -29,6 +29,17 @@ TEST_F(RecordTest, AForgottenRunWasNeverThere) {
   EXPECT_TRUE(Reader(path_).notes(2).empty());
 }
 
+// SQLite takes more steps for so many than a damaged file is allowed between two rows.
+TEST_F(RecordTest, ALongRunIsForgottenToo) {
+  Writer writer(path_);
+  const auto gone = writer.begin_run({{"id", "gone"}});
+  writer.append(gone, usual(0, 500'000));
+  EXPECT_EQ(error_of([&] { writer.forget_run(gone); }), "");
+  EXPECT_THAT(writer.reader().runs(), IsEmpty());
+  const auto next = writer.begin_run({{"id", "next"}});
+  EXPECT_THAT(samples_of(writer.reader(), next), IsEmpty());
+}
+
 TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   std::mt19937_64 random(20240607);
   // Any possible time; 0 means that the time is missing.

@@ -21,8 +21,14 @@ double badness(std::optional<std::int64_t> took_ns, std::optional<std::int64_t> 
 }  // namespace
 
 void delete_run(Connection& connection, std::int64_t run) {
-  for (const auto* sql : {"DELETE FROM sample WHERE run = ?", "DELETE FROM note WHERE run = ?",
-                          "DELETE FROM trace WHERE run = ?", "DELETE FROM run WHERE number = ?"})
+  // In pieces: a statement that takes too many steps without a row counts as one that never ends.
+  Statement some(connection,
+                 "DELETE FROM sample WHERE run = ?1 AND message IN "
+                 "(SELECT message FROM sample WHERE run = ?1 LIMIT 32768)");
+  do some.bind(run).execute();
+  while (sqlite3_changes(connection.handle()) > 0);
+  for (const auto* sql : {"DELETE FROM note WHERE run = ?", "DELETE FROM trace WHERE run = ?",
+                          "DELETE FROM run WHERE number = ?"})
     Statement(connection, sql).bind(run).execute();
 }
 
