@@ -12,7 +12,7 @@ SRC = ROOT / "src"
 SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "transport/shipped.hpp", "roundtrip/sample.hpp", "roundtrip/clocks.hpp",
          "orders/frames.hpp", "realtime/privileges.hpp", "background/child.hpp", "settings/file.hpp", "conditions/around.hpp",
          "listen/budget.hpp", "listen/misses.hpp", "listen/rows.hpp", "listen/sequence.hpp", "record/connection.hpp", "record/document.hpp", "record/outcome.hpp", "report/answer.hpp", "report/comparison.hpp", "report/conditions.hpp", "report/explained.hpp",
-         "report/paper.hpp", "report/runs.hpp", "report/words.hpp", "statistics/lost_wait.hpp", "statistics/wrapping.hpp"}
+         "report/paper.hpp", "report/runs.hpp", "report/words.hpp", "statistics/lost_wait.hpp", "statistics/values.hpp", "statistics/wrapping.hpp"}
 
 
 def rooms():

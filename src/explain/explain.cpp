@@ -61,22 +61,23 @@ std::int64_t possible(std::chrono::nanoseconds time) {
 // were sent. nullopt: the trace shows no such thread.
 std::optional<End> end_over_loopback(const record::Reader& reader, const record::Run& run, const End& client,
                                      std::int64_t packet_bytes) {
-  std::map<std::uint64_t, Sample> answered;
-  reader.each_sample(run.number, [&](const Sample& sample) {
-    if (sample.received_ns != 0 && sample.server_sent_ns != 0) answered[sample.index] = sample;
-  });
   bool is_there = false;
-  std::map<std::int32_t, int> times;  // that a thread sent when the server did
+  using Sent = std::pair<std::int32_t, std::int64_t>;
+  std::map<std::uint64_t, std::vector<Sent>> sent;  // around a message: by which thread, when
   reader.each_trace(run.number, [&](const record::Trace& trace) {
-    const auto found = answered.find(trace.window.span.message);
+    auto& around = sent[trace.window.span.message];
     for (const auto& event : trace.window.events) {
       if (event.kind != Kind::queued || event.what != "lo" || event.bytes < packet_bytes) continue;
       is_there = is_there || client.has(event.thread.id);
-      if (found == answered.end() || client.has(event.thread.id)) continue;
-      const auto& sample = found->second;
-      times[event.thread.id] +=
-          sample.server_sent_ns <= event.at_ns && event.at_ns <= sample.received_ns ? 1 : 0;
+      if (!client.has(event.thread.id)) around.emplace_back(event.thread.id, event.at_ns);
     }
+  });
+  std::map<std::int32_t, int> times;  // that a thread sent when the server did
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    const auto around = sent.find(sample.index);
+    if (around == sent.end() || sample.received_ns == 0 || sample.server_sent_ns == 0) return;
+    for (const auto& [thread, at_ns] : around->second)
+      times[thread] += sample.server_sent_ns <= at_ns && at_ns <= sample.received_ns ? 1 : 0;
   });
   const auto most = std::ranges::max_element(times, {}, [](const auto& one) { return one.second; });
   if (!is_there || most == times.end() || most->second == 0) return {};

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -10,12 +11,18 @@ namespace ontime::explain {
 using roundtrip::Sample;
 
 Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
-  std::map<std::uint64_t, std::int64_t> received_ns;  // by message
+  auto runs = kept.runs();
+  std::set<std::uint64_t> traced;
+  for (const auto& one : runs)
+    kept.each_trace(one.number,
+                    [&](const record::Trace& trace) { traced.insert(trace.window.span.message); });
+  std::map<std::uint64_t, std::int64_t> received_ns;  // by message, of those that are traced
   reader.each_sample(run.number, [&](const Sample& sample) {
-    if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
+    if (sample.server_received_ns != 0 && traced.contains(sample.index))
+      received_ns[sample.index] = sample.server_received_ns;
   });
   std::size_t most = 0;
-  for (auto& one : kept.runs()) {
+  for (auto& one : runs) {
     std::size_t fit = 0;
     bool is_anothers = false;
     kept.each_trace(one.number, [&](const record::Trace& trace) {

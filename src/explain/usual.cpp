@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "explain/usual.hpp"
 
-#include <algorithm>
+#include <utility>
+
+#include "statistics/values.hpp"
 
 namespace ontime::explain {
 
@@ -9,19 +11,16 @@ using roundtrip::Sample;
 
 Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
     : clocks_(one_clock ? Drift() : Drift(reader, run)) {
-  std::array<std::vector<std::int64_t>, legs> on_time, late;
+  std::array<statistics::Values, legs> on_time, late;
   reader.each_sample(run, [&](const Sample& sample) {
     if (!has_server_times(sample)) return;
     const auto way = of(sample);
     auto& all = sample.fate == roundtrip::Fate::on_time ? on_time : late;
-    for (std::size_t leg = 0; leg < legs; ++leg) all[leg].push_back(way[leg].length_ns());
+    for (std::size_t leg = 0; leg < legs; ++leg) all[leg].add(way[leg].length_ns());
   });
   for (std::size_t leg = 0; leg < legs; ++leg) {
-    auto& all = on_time[leg].empty() ? late[leg] : on_time[leg];
-    if (all.empty()) continue;
-    const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
-    std::nth_element(all.begin(), middle, all.end());
-    medians_[leg] = *middle;
+    statistics::Ranks all(std::move(on_time[leg].count() == 0 ? late[leg] : on_time[leg]));
+    if (all.count() > 0) medians_[leg] = all.at_rank(all.count() / 2 + 1);
   }
 }
 
