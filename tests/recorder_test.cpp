@@ -140,6 +140,15 @@ TEST_F(Recorder, MessageThatWasOvertakenWasNeverLost) {
   EXPECT_EQ(statistics::unrecorded(reader.runs().at(0)), 1u);
 }
 
+// Else a recording, which is read faster than a disk writes, fills the memory.
+TEST_F(Recorder, RecordingIsWrittenBeforeMoreOfItIsRead) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  results.write({flow(1)});
+  EXPECT_EQ(statistics::summarise(record::Reader(path_)).at(0).sent, 100u);
+}
+
 TEST_F(Recorder, PausesAreToldOfEachRun) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);

@@ -189,6 +189,8 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     names_.erase(kept.name);
     kept_.erase(one);
   }
+  // A recording waits for the disk, as nothing is missed meanwhile: else it fills the memory with what waits.
+  if (is_recording_) writer_.flush();
 }
 
 void ListenResults::note(const listen::Miss& miss) {
