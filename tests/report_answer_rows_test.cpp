@@ -150,6 +150,16 @@ TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {
   EXPECT_THAT(text_of(answer, 80), HasSubstr("  open\n"));
 }
 
+TEST(Words, HoursAreNoLongNumberOfSeconds) {
+  using namespace std::chrono_literals;
+  EXPECT_EQ(duration(600s), "600 s");
+  EXPECT_EQ(duration(3601s), "3601 s");
+  EXPECT_EQ(duration(1h), "1 h");
+  EXPECT_EQ(duration(90min), "1.5 h");
+  EXPECT_EQ(duration(24h), "24 h");
+  EXPECT_EQ(duration(24h * 365), "8760 h");
+}
+
 TEST(Answer, LongWordsThatAreCutStayApart) {
   std::vector<std::vector<std::string>> rows = {{"robot-front-left-camera-pipeline-cold udp"},
                                                 {"robot-front-left-camera-pipeline-warm udp"},

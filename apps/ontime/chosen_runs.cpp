@@ -2,13 +2,16 @@
 #include "chosen_runs.hpp"
 
 #include <algorithm>
+#include <chrono>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
+#include "report/words.hpp"
 #include "spelling/spelling.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
@@ -57,9 +60,22 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
 
 std::vector<statistics::Summary> chosen_summaries(const record::Reader& reader, const std::string& file,
                                                   const std::vector<std::string>& words) {
+  return summaries_of(reader, chosen_runs(reader, file, words));
+}
+
+std::vector<statistics::Summary> summaries_of(const record::Reader& reader,
+                                              const std::vector<record::Run>& runs) {
+  constexpr std::uint64_t many = 1'000'000;
+  Terminal terminal;
+  const auto begun = std::chrono::steady_clock::now();
   std::vector<statistics::Summary> summaries;
-  for (const auto& run : chosen_runs(reader, file, words))
+  for (const auto& run : runs) {
+    const auto messages = run.outcome.counters.sent;
+    if (messages > many || std::chrono::steady_clock::now() - begun > std::chrono::seconds(2))
+      terminal.does(fmt::format("reading run {}, {} of {}: {} messages", run.number, summaries.size() + 1,
+                                runs.size(), report::grouped(messages)));
     summaries.push_back(statistics::summarise(reader, run));
+  }
   return summaries;
 }
 

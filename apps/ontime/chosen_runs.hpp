@@ -19,5 +19,7 @@ std::vector<record::Run> chosen_runs(const record::Reader&, const std::string& f
                                      const std::vector<std::string>& words);
 std::vector<statistics::Summary> chosen_summaries(const record::Reader&, const std::string& file,
                                                   const std::vector<std::string>& words);
+// Shows its progress where it takes seconds.
+std::vector<statistics::Summary> summaries_of(const record::Reader&, const std::vector<record::Run>&);
 
 }  // namespace ontime::app

@@ -43,11 +43,11 @@ Summaries alike(const std::string& file, const std::string& word) {
     keys.insert(run.key);
     numbers.insert(run.number);
   }
-  Summaries summaries;
-  for (const auto& run : reader.runs())
-    if (numbers.contains(run.number) || (keys.size() == 1 && !run.key.empty() && keys.contains(run.key)))
-      summaries.push_back(statistics::summarise(reader, run));
-  return summaries;
+  auto runs = reader.runs();
+  std::erase_if(runs, [&](const auto& run) {
+    return !numbers.contains(run.number) && !(keys.size() == 1 && !run.key.empty() && keys.contains(run.key));
+  });
+  return summaries_of(reader, runs);
 }
 
 // Runs with one id can have different conditions.

@@ -41,13 +41,18 @@ void add_report(Command& app) {
     const record::Reader reader(arguments->results);
     Output output(arguments->output);
     const auto summaries = chosen_summaries(reader, arguments->results, arguments->only);
+    const auto drawn = [&] {
+      Terminal terminal;
+      terminal.does("drawing the page");
+      return page::page_of(
+          reader, summaries,
+          {.file = std::filesystem::path(arguments->results).filename().string(), .trusts = is_trusted});
+    };
     const auto text =
         arguments->threads  ? report::render_threads(summaries, format, output_columns())
         : arguments->layers ? report::render_layers(summaries, format, output_columns())
         : format == report::Format::html
-            ? page::page_of(reader, summaries,
-                            {.file = std::filesystem::path(arguments->results).filename().string(),
-                             .trusts = is_trusted})
+            ? drawn()
             : shown(summaries, format, arguments->full,
                     {.file = arguments->results, .only = fmt::format("{}", fmt::join(arguments->only, ","))});
     // Before the text: a reader that closes the pipe (`| head`) ends this process.
