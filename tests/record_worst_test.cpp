@@ -175,6 +175,25 @@ TEST_F(Bounded, SmallerBoundMakesTheFileFitOrIsRefused) {
   EXPECT_THAT(error_of([&] { writer.keep_worst(1'000'000); }), HasSubstr("Choose another file"));
 }
 
+// Each message that goes takes its notes with it, which are found without a look at all others.
+TEST_F(Bounded, ManyNotesDoNotStopIt) {
+  constexpr std::uint64_t large = 40'000'000;
+  {
+    Writer writer(path_);
+    writer.keep_worst(large);
+    writer.end_run(writer.begin_run({{"id", "before"}}), nlohmann::json::object());
+  }
+  query(path_,
+        "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 550000) "
+        "INSERT INTO note (run, number, message, kind, text) SELECT 2, i, i, 'note', '' FROM n");
+  Writer writer(path_);
+  writer.keep_worst(large);
+  const auto run = writer.begin_run(asked());
+  for (std::uint64_t i = 1; i <= 1'000; ++i) add(writer, run, 1'000'000 + 100 * i, 20 * ms);
+  EXPECT_EQ(error_of([&] { writer.flush(); }), "");
+  EXPECT_LE(bytes(), large);
+}
+
 TEST_F(Bounded, OldestRunsGoWhereThereAreTooMany) {
   Writer writer(path_);
   writer.keep_worst(bound);

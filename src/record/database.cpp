@@ -192,6 +192,10 @@ void Database::forget_run(std::int64_t run) {
 
 // The log lies beside the file: it is copied when it is a sixteenth of all, and one trace adds little more.
 void Database::keep_worst(std::uint64_t bytes) {
+  // Else each message that goes looks at all notes of its run; so it does where a file has too many already.
+  connection_->run("COMMIT");
+  connection_->try_run("CREATE INDEX IF NOT EXISTS note_of_message ON note (run, message)");
+  connection_->run("BEGIN IMMEDIATE");
   const auto page_bytes = connection_->number("PRAGMA page_size");
   enough_log_pages_ = static_cast<int>(
       std::clamp<std::int64_t>(static_cast<std::int64_t>(bytes / 16) / page_bytes, 16, most_log_pages));
