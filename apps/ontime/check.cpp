@@ -90,7 +90,7 @@ int print_findings(std::vector<Finding> findings, bool as_json) {
 void add_check(Command& app) {
   auto* command =
       app.add_subcommand("check", "Checks whether this machine is ready for real-time, and shows the fixes");
-  command->footer("Exit codes: 0 no errors · 1 errors prevent real-time");
+  command->footer("Exit codes: 0 no errors · 1 errors prevent real-time · 2 invalid usage");
   struct Arguments {
     std::string interface, peer, format = "table";
   };

@@ -6,6 +6,11 @@
 
 namespace ontime::app {
 
+// The end of --help, of every command that states no codes of its own.
+inline constexpr const char* exit_codes =
+    "Exit codes: 0 OK · 1 a stated requirement was missed · 2 invalid usage or input · 3 this machine or a "
+    "peer cannot do it · 130 interrupted";
+
 void add_ping(Command&);
 void add_pong(Command&);
 void add_run(Command&);

@@ -163,9 +163,10 @@ int init(const InitArguments& arguments) {
 void add_init(Command& app) {
   auto* command =
       app.add_subcommand("init", "Checks that ssh reaches the hosts, and writes a scenario for them");
-  command->footer(
+  command->footer(fmt::format(
       "The scenario uses the addresses and interfaces that ssh uses. If messages take another link, change "
-      "them in the file.");
+      "them in the file.\n\n{}",
+      exit_codes));
   auto arguments = std::make_shared<InitArguments>();
   command
       ->add_option("HOST", arguments->hosts,

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "lab/lab.hpp"
 
+#include <fmt/format.h>
+
 #include "commands.hpp"
 #include "flags.hpp"
 #include "in_lab.hpp"
@@ -58,9 +60,10 @@ void add_lab(Command& app) {
   auto* command = app.add_subcommand(
       "lab", "Runs scenarios in a simulated PREEMPT_RT machine, where they repeat exactly");
   command->require_subcommand();
-  command->footer(
+  command->footer(fmt::format(
       "The machine is QEMU with two NICs and a Debian kernel, which apt downloads into your cache folder "
-      "(500 MB). Use it to compare settings. Its times are not those of a real machine.");
+      "(500 MB). Use it to compare settings. Its times are not those of a real machine.\n\n{}",
+      exit_codes));
   auto* runs = command->add_subcommand(
       "run", "Runs scenarios with hosts: namespaces in the machine, and copies the results out");
   auto measured = std::make_shared<LabArguments>();

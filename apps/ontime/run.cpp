@@ -160,9 +160,10 @@ void add_run(Command& app) {
   auto* command = app.add_subcommand(
       "run",
       "Runs scenarios: applies settings and load, measures round trips, writes results and an HTML page");
-  command->footer(
-      "A scenario is code: it can name programs that run here, and files. Read a scenario from others before "
-      "you run it.");
+  command->footer(fmt::format(
+      "A scenario is code: it can name programs that run here, and files. Read a scenario from others "
+      "before you run it.\n\n{}",
+      exit_codes));
   auto arguments = std::make_shared<RunArguments>();
   command
       ->add_option("SCENARIO", arguments->scenarios,

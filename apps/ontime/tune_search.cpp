@@ -396,7 +396,7 @@ void add_tune_search(Command& tune) {
   command->footer(fmt::format(
       "Each run sets what it tries, measures, and restores it. The search keeps no settings: its output "
       "shows how to keep them.\nA search may set: {}.\nExit codes: 0 the goal holds · 1 it does not, or is "
-      "not proven · 2 wrong usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
+      "not proven · 2 invalid usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
       fmt::join(search::knob_keys(), ", ")));
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenario, "a scenario with one run between two hosts")

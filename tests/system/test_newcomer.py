@@ -194,6 +194,10 @@ class Newcomer(unittest.TestCase):
         self.assertTrue(self.ontime("scenarios", "own.yaml").stdout.startswith("own.yaml  2 runs, "))
         self.assertRegex(self.ontime("scenarios", "own.yaml", "--format", "json").stdout, r'"seconds": \d+\.\d{1,3}\b')
 
+    def test_help_states_the_exit_codes(self):
+        for command in ("run", "init", "ping", "report", "check", "lab run", "lab shell", "tune apply", "tune search"):
+            self.assertRegex(self.ontime(*command.split(), "--help").stdout, "Exit codes: 0 .* 2 invalid usage", command)
+
     def test_only_commands_that_take_settings_list_them(self):
         for command, lists in (("apply", True), ("revert", False), ("verify", False)):
             self.assertEqual("Settings:" in self.ontime("tune", command, "--help").stdout, lists, command)
