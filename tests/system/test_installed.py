@@ -107,6 +107,19 @@ class Installed(unittest.TestCase):
         self.transport("cyclonedds").unlink(missing_ok=True)
         self.assertIn("ontime-transport-cyclonedds", self.ping("cyclonedds", code=3).stderr)
 
+    def test_a_transport_of_ones_own_builds_as_the_manual_says(self):
+        page = (ROOT / "docs/how-to/own-transport.md").read_text()
+        text = re.search(r"```cmake\n(.*?)```", page, re.DOTALL).group(1)
+        folder = self.prefix / "mine"
+        folder.mkdir()
+        (folder / "CMakeLists.txt").write_text(text.replace("ontime::message)", "ontime::message fmt sodium)"))
+        # The page names it as the one to start from, so its headers are installed.
+        (folder / "mine.cpp").write_text((ROOT / "src/transport/udp/udp.cpp").read_text().replace('.name = "udp"', '.name = "mine"'))
+        for words in ["-B", "build", f"-DCMAKE_PREFIX_PATH={self.prefix}"], ["--build", "build"]:
+            done = subprocess.run([os.environ["CMAKE"], *words], cwd=folder, capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        self.assertTrue((folder / "build/ontime_transport_mine.so").exists())
+
     def test_a_transport_of_another_version_is_refused(self):
         self.plug_in(self.transport("udp"), abi=1)
         self.assertIn("another ontime", self.ping("udp", code=3).stderr)
