@@ -32,8 +32,12 @@ void check_cpus(const std::string& flag, const std::string& list) {
                   fmt::format("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there)));
 }
 
+// pong answers every payload up to this one; its default is campaign::pong's.
+constexpr const char* pong_payload = "largest payload, without the 8-byte sequence number (default: 60 kB)";
+
 // "time from one cycle to the next (default: 10 ms)"
-std::string help_of(const Key& key) {
+std::string help_of(const Key& key, Key::For end) {
+  if (end == Key::For::both && key.path == "payload") return pong_payload;
   if (key.path == "transport") return key.help + "; " + transports_here();
   return key.by_default.empty() ? key.help : fmt::format("{} (default: {})", key.help, key.by_default);
 }
@@ -44,7 +48,7 @@ RunFlags::RunFlags(Command& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
     auto& flag = flags_[key.path];
-    auto* option = flag.option = app.add_option(key.flag, flag.value, help_of(key));
+    auto* option = flag.option = app.add_option(key.flag, flag.value, help_of(key, end));
     if (key.values == "on|off") option->expected(0, 1);  // without a value: on
     option->type_name(key.path == "transport" ? "TRANSPORT" : key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each implies --realtime on)");

@@ -117,7 +117,8 @@ Fields fields_of_run() {
       field({"baseline", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
             &Run::adds_to),
       field({"search", "", "KEY",
-             "key with a list of values, gentle to harsh; ontime finds the first with late or lost messages"},
+             "key with a list of values, lightest to heaviest; ontime finds the first with late or lost "
+             "messages"},
             "search.key", text(), within(&Run::step, &Run::Step::key)),
       field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter",
              client, "count-instructions {}"},
@@ -145,9 +146,7 @@ Fields fields_of_run() {
 Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
-      said(field({"payload", "--payload", "",
-                  "payload, without the 8-byte sequence number; for pong the largest, 60 kB if not stated",
-                  both, "{}"},
+      said(field({"payload", "--payload", "", "payload, without the 8-byte sequence number", both, "{}"},
                  "payload_bytes", size(), in_client(&ClientOptions::payload_bytes)),
            [](Run& run, Text text) {
              run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);

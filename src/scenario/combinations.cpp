@@ -232,9 +232,11 @@ class Combinations {
     const auto path = origin_.keys.current(stated);
     const auto key = at(path);
     if (key == dimensions_.end() || key->choices.size() < 2)
-      fail(node, fmt::format("search: '{}' has no list of values in this run; list them from gentle to harsh",
-                             path));
-    if (key->said.key == "transport") fail(node, "search: transports have no order from gentle to harsh");
+      fail(node,
+           fmt::format("search: '{}' has no list of values in this run; list them from lightest to heaviest",
+                       path));
+    if (key->said.key == "transport")
+      fail(node, "search: transports have no order from lightest to heaviest");
     std::rotate(key, key + 1, dimensions_.end());
     return true;
   }

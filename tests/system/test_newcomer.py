@@ -198,6 +198,10 @@ class Newcomer(unittest.TestCase):
         for command in ("run", "init", "ping", "report", "check", "lab run", "lab shell", "tune apply", "tune search"):
             self.assertRegex(self.ontime(*command.split(), "--help").stdout, "Exit codes: 0 .* 2 invalid usage", command)
 
+    def test_help_of_pong_states_its_own_default_payload(self):
+        for command, default in ("ping", "500 B"), ("pong", "60 kB"):
+            self.assertRegex(self.ontime(command, "--help").stdout, rf"--payload SIZE .*\(default: {default}\)")
+
     def test_only_commands_that_take_settings_list_them(self):
         for command, lists in (("apply", True), ("revert", False), ("verify", False)):
             self.assertEqual("Settings:" in self.ontime("tune", command, "--help").stdout, lists, command)
