@@ -94,6 +94,7 @@ class Installed(unittest.TestCase):
         summaries = set()
         pages = list((self.prefix / "share/man/man1").glob("*.1"))
         for page in pages:
+            self.assertEqual(re.search(r"^\.TH (\S+)", page.read_text(), re.MULTILINE)[1].lower(), page.stem)
             names = re.findall(r"^\.SH NAME\n(.*) \\- (.*)$", page.read_text(), re.MULTILINE)
             self.assertEqual([name.replace("\\-", "-") for name, _ in names], [page.stem])
             self.assertNotRegex(page.read_text(), r"\?\?", "what help2man writes for … in another character set")
