@@ -93,12 +93,14 @@ TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
 TEST(TableFormat, TellsWhatTheKernelDroppedAndWhatWasOurs) {
   auto came = outcome();
   came["hosts"]["component"]["drops"] = {{"own_sockets", 12}, {"udp_receive", 12}, {"backlog", 3}};
+  came["hosts"]["controller"]["drops"] = {{"own_sockets", 0}, {"udp_receive", 5}};
   came["hosts"]["controller"]["link"]["faults"] = {{"lost_frames", 7}, {"cut_off_frames", 1}};
   const auto text = render({summary(asked("a", "udp"), came)}, Format::markdown);
   EXPECT_THAT(
       text,
-      HasSubstr("dropped by the kernel: 12 because a socket buffer of the component's middleware was full, "
-                "3 in the component's"));
+      HasSubstr(
+          "dropped by the kernel: 5 because a UDP socket buffer on the controller was full (any process), "
+          "12 because a socket buffer of the component's middleware was full, 3 in the component's"));
   EXPECT_THAT(
       text,
       HasSubstr("link.loss dropped 7 frames to the controller, link.cut dropped 1 frame to the controller"));

@@ -106,7 +106,7 @@ std::string drops_text(const Outcome& outcome) {
   using Drops = record::Drops;
   static constexpr Counter<Drops> places[] = {
       {&Drops::own_sockets, "{} because a socket buffer of the {}'s middleware was full"},
-      {&Drops::udp_receive, "{} because a UDP socket buffer of any process of the {} was full"},
+      {&Drops::udp_receive, "{} because a UDP socket buffer on the {} was full (any process)"},
       {&Drops::udp_send, "{} that the {}'s sockets could not send"},
       {&Drops::fragments, "{} on the {} because fragments were missing"},
       {&Drops::interface_received, "{} on receive by the {}'s interface"},
