@@ -43,6 +43,18 @@ TEST(LayersPage, ShowsConfidenceIntervals) {
                           HasSubstr("C %: C %")));
 }
 
+TEST(LayersPage, NarrowTableOmitsBarsThenAddedCpuTime) {
+  auto runs = two_layers(9);
+  for (int repetition = 1; repetition <= 9; ++repetition)
+    runs.push_back(layer("authenticated-and-encrypted", "dds", repetition, 50'000 + repetition * 1000));
+  const auto in = [&](std::size_t width) { return render_layers(runs, Format::table, width); };
+  EXPECT_THAT(in(120), AllOf(HasSubstr("█"), HasSubstr("CPU\n")));
+  EXPECT_THAT(in(80), AllOf(Not(HasSubstr("█")), HasSubstr("CPU\n"), HasSubstr("+20.0 [20.0, 20.0]")));
+  const auto narrow = in(60);
+  EXPECT_THAT(narrow, AllOf(Not(HasSubstr("+0.0 [")), HasSubstr("+20.0 [20.0, 20.0]")));
+  for (const auto& line : table::split(narrow, '\n')) EXPECT_LE(table::width_of(line), 60u) << line;
+}
+
 TEST(LayersPage, NamesWhatTellsLayersOfOneIdApart) {
   std::vector<Summary> runs;
   for (const int payload : {500, 32768}) {

@@ -150,10 +150,12 @@ Page layers_page_of(const Summaries& summaries) {
                           {"baseline", left},
                           {"p50\n(µs)"},
                           {"added (µs)"},
-                          {"", left, true},
-                          {"CPU\n(µs)"},
-                          {"added (µs)"}}};
-  if (counted) table.columns.insert(table.columns.end(), {{"Instructions", right}, {"added", right}});
+                          {"", left, true, 1},
+                          {"CPU\n(µs)", right, false, 5},
+                          {"added (µs)", right, false, 4}}};
+  if (counted)
+    table.columns.insert(table.columns.end(),
+                         {{"Instructions", right, false, 3}, {"added", right, false, 2}});
   for (const auto& layer : layers.measured) {
     const auto& name = names.at(layer.run);
     table.rows.push_back({name,

@@ -55,7 +55,7 @@ bool ends_in_digit(const std::string& word) {
 // Also before a comma: "2 s, no load".
 bool is_unit(const std::string& word) {
   const auto units = {"%", "s", "ms", "µs", "ns", "min", "h", "B", "kB", "MB", "GB", "Hz", "kHz"};
-  return std::ranges::find(units, word.substr(0, word.find_last_not_of(".,;:)") + 1)) != units.end();
+  return std::ranges::find(units, word.substr(0, word.find_last_not_of(".,;:)]") + 1)) != units.end();
 }
 
 }  // namespace
