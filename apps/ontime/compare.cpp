@@ -134,7 +134,11 @@ report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& 
   for (const auto& pair : comparison.pairs) {
     refuse_unlike("--from", arguments.from, pair.from);
     refuse_unlike("--to", arguments.to, pair.to);
-    if (same_file && report::has_run_on_both_sides(pair)) refuse_the_same(arguments);
+    if (same_file && report::has_run_on_both_sides(pair))
+      throw Error(2,
+                  fmt::format("--from {} --to {}: both name the same runs, because a number stands for its "
+                              "repetitions too. Fix: choose runs with different conditions",
+                              arguments.from, arguments.to));
   }
   return comparison;
 }

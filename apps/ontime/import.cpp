@@ -43,8 +43,9 @@ int import_results(const ImportArguments& arguments) {
     asked["command_line"] = command_line();
     writer.end_run(writer.begin_run(asked), run.outcome);
   }
-  print_error(fmt::format("added {} of {} to {}", table::many(runs.size(), "run", "runs"), arguments.bag.bag,
-                          arguments.bag.results));
+  print_error(fmt::format("added {} of {} to {}. Next: ontime report {}",
+                          table::many(runs.size(), "run", "runs"), arguments.bag.bag, arguments.bag.results,
+                          table::shell_line({table::as_operand(arguments.bag.results)})));
   return 0;
 }
 

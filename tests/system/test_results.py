@@ -374,7 +374,7 @@ class Results(results.Results):
         self.assertEqual(runs("--from", "1", "--to", "2"), [([1, 3], [2, 4])])
         self.assertEqual(runs("--by", "period"), [([1, 3], [2, 4])])
         self.assertEqual(runs("--by", "period", "--from", "10000", "--to", "5000"), [([2, 4], [1, 3])])
-        self.assertIn("in common", runs("--from", "1", "--to", "3", code=2))
+        self.assertIn("--from 1 --to 3: both name the same runs", runs("--from", "1", "--to", "3", code=2))
         self.assertIn("transport: udp", runs("--by", "transport", code=2))
         self.assertIn("unknown key 'perod' (did you mean 'period'?)", runs("--by", "perod", code=2))
         self.assertIn("unknown key 'foo'; these differ between the runs: period", runs("--by", "foo", code=2))
