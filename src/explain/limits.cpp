@@ -98,7 +98,7 @@ std::vector<std::string> limits_of(const Account& account, const record::Run& ru
   if (!one_machine) add_one_sided(limits, account, run, traces);
   if (clocks_ns)
     limits.push_back(fmt::format(
-        "clock error between the machines: ±{:.1f} µs; the border between their parts is that uncertain",
+        "clock error between the machines: ±{:.1f} µs; the part of each machine may be wrong by that much",
         static_cast<double>(*clocks_ns) / 1e3));
   add_untold_switches(limits, traces);
   return limits;
