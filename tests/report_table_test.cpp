@@ -318,6 +318,7 @@ TEST(TableFormat, ShowsTheThreeParts) {
 TEST(Wrapped, NumberAndUnitStayTogether) {
   EXPECT_EQ(table::wrapped("a run of 2 s, no load", 10), "a run of\n  2 s, no\n  load\n");
   EXPECT_EQ(table::wrapped("98 % to 99 % late", 11), "98 % to\n  99 % late\n");
+  EXPECT_EQ(table::wrapped("traffic: 60 Mbit/s", 13), "traffic:\n  60 Mbit/s\n");
   EXPECT_EQ(table::wrapped("[0 %, 0.806 %]; few", 14), "[0 %,\n  0.806 %];\n  few\n");
 }
 

@@ -54,7 +54,8 @@ bool ends_in_digit(const std::string& word) {
 
 // Also before a comma: "2 s, no load".
 bool is_unit(const std::string& word) {
-  const auto units = {"%", "s", "ms", "µs", "ns", "min", "h", "B", "kB", "MB", "GB", "Hz", "kHz"};
+  const auto units = {"%",  "s",   "ms",  "µs",  "ns", "min", "h",      "B",      "kB",    "MB",
+                      "GB", "KiB", "MiB", "GiB", "Hz", "kHz", "kbit/s", "Mbit/s", "Gbit/s"};
   return std::ranges::find(units, word.substr(0, word.find_last_not_of(".,;:)]") + 1)) != units.end();
 }
 
