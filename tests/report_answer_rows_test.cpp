@@ -174,6 +174,19 @@ TEST(Answer, LongWordsThatAreCutStayApart) {
   EXPECT_NE(rows[2], rows[3]);
 }
 
+// The component's name was cut, because another condition has the same component with traffic.
+TEST(Answer, NamesOfTwoConditionsMayBeCutAlike) {
+  const std::string base = "cyclonedds component base 500 B every 10 ms best-effort keep-last 1";
+  std::vector<std::vector<std::string>> rows = {
+      {"quiet", base}, {"", "udp"}, {"busy", base + " traffic: 40 Mbit/s"}, {"", "udp"}};
+  shorten_names(rows, 1, 30);
+  EXPECT_EQ(rows[0][1], "cyclonedds component base 500…");
+  EXPECT_EQ(rows[2][1], rows[0][1]);
+  rows = {{"quiet", base}, {"", base + " traffic: 40 Mbit/s"}};
+  shorten_names(rows, 1, 30);
+  EXPECT_NE(rows[0][1], rows[1][1]);
+}
+
 TEST(Answer, LongTopicKeepsItsQuantity) {
   record::Asked asked;
   asked.measures = "period";

@@ -59,8 +59,12 @@ std::string cell_at(const nlohmann::ordered_json& object, const std::vector<std:
 }
 
 void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most) {
-  std::map<std::string, std::vector<std::string*>> by_short;
-  for (auto& row : rows) by_short[shortened(row[column], most)].push_back(&row[column]);
+  std::map<std::pair<std::size_t, std::string>, std::vector<std::string*>> by_short;
+  std::size_t group = 0;
+  for (auto& row : rows) {
+    if (column > 0 && !row.front().empty()) ++group;
+    by_short[{group, shortened(row[column], most)}].push_back(&row[column]);
+  }
   for (const auto& alike : by_short) {
     const auto& names = alike.second;
     const auto& first = *names.front();

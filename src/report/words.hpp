@@ -70,7 +70,8 @@ std::string grouped(std::uint64_t count);           // "4,320,000"
 // The first column holds texts, the others numbers.
 std::vector<Column> columns_of(const std::string& first, std::initializer_list<const char*> others);
 // Cuts the texts of a column. Of those that would be the same, what they have in common before they differ is
-// cut first.
+// cut first. A row whose first cell is empty belongs to the row above; texts of different such groups may
+// become the same.
 void shorten_names(std::vector<std::vector<std::string>>& rows, std::size_t column, std::size_t most);
 void add_once(std::vector<std::string>& all, const std::string& text);
 // The value of a key; a new key is added at the end, so keys stay in the order of first use.
