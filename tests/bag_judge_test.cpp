@@ -108,7 +108,7 @@ TEST_F(Bags, RemarkSaysWhyAMessageWithoutHeaderHasNoAge) {
   const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + message(1, {start, start})),
                                     {.deadline = {}, .period = {}, .age = 1ms});
   EXPECT_FALSE(findings.flows.at(0).age);
-  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages have no header.stamp")));
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message without header.stamp")));
 }
 
 TEST_F(Bags, OddClocksAreRemarkedAndInventNoAge) {

@@ -80,7 +80,7 @@ TEST_F(Bags, MessagesFromTooFarBackHaveNoPeriodAndMakeNoGapOfTheNext) {
   EXPECT_EQ(flow.period.max_ns(), 10 * ms);
   EXPECT_EQ(flow.period.count(), 490U);
   EXPECT_EQ(flow.reordered, 9U);
-  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("9 messages are the first")));
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("9 messages out of order, or the first")));
 }
 
 TEST_F(Bags, GapOfASlowTopicIsKnownASecondLater) {
@@ -126,7 +126,7 @@ TEST_F(Bags, ClockThatWentBackALittleLeavesOnePeriodOut) {
     EXPECT_EQ(flow.period.count(), 498U) << by;
     EXPECT_NEAR(flow.rate_hz(), 1e9 / static_cast<double>(period_ns), 1e-6) << by;
     EXPECT_EQ(flow.reordered, 0U) << by;
-    EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first"))) << by;
+    EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message out of order, or the first"))) << by;
   }
 }
 
@@ -153,7 +153,7 @@ TEST_F(Bags, ClockThatWentBackALittleBetweenTwoFilesHidesNoGap) {
   const auto findings = judged((folder_ / "bag").string(), {.deadline = 15ms, .period = {}, .age = {}});
   EXPECT_EQ(findings.flows.at(0).late, 1U);
   EXPECT_EQ(findings.flows.at(0).period.max_ns(), 100 * ms);
-  EXPECT_THAT(findings.remarks, testing::Contains(HasSubstr("1 messages are the first")));
+  EXPECT_THAT(findings.remarks, testing::Contains(HasSubstr("1 message out of order, or the first")));
 }
 
 // One message, then silence until after the latest time: it may be late, or the clock was set.
@@ -163,7 +163,7 @@ TEST_F(Bags, MessageThatMayBeOfAClockThatWasSetHasNoPeriodAndARemark) {
   const auto findings = judged_mcap(in_order(order), {.deadline = 15ms, .period = {}, .age = {}});
   EXPECT_EQ(findings.flows.at(0).late, 1U) << "at least from the latest time on";
   EXPECT_EQ(findings.flows.at(0).period.count(), 498U);
-  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message out of order, or the first")));
 }
 
 TEST_F(Bags, ClockThatWentBackALittleIsSeenInMessagesThatComeInPairs) {
@@ -175,7 +175,7 @@ TEST_F(Bags, ClockThatWentBackALittleIsSeenInMessagesThatComeInPairs) {
   const auto findings = judged_mcap(mcap(records), {.deadline = 15ms, .period = {}, .age = {}});
   EXPECT_EQ(findings.flows.at(0).late, 1U);
   EXPECT_NEAR(static_cast<double>(findings.flows.at(0).period.max_ns()), 109.9e6, 1);
-  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")));
+  EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message out of order, or the first")));
 }
 
 // A topic of 100 Hz with a jitter of up to 1 ms, which the seed decides.
@@ -230,7 +230,7 @@ TEST_F(Bags, ClockThatWentBackALittleIsSeenInJitterAndLoss) {
       EXPECT_EQ(findings.flows.at(0).late, 1U) << seed << ' ' << after;
       EXPECT_EQ(findings.flows.at(0).reordered, 0U) << seed << ' ' << after;
       EXPECT_EQ(findings.flows.at(0).period.count(), times_ns.size() - 2) << seed << ' ' << after;
-      EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 messages are the first")))
+      EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message out of order, or the first")))
           << seed << ' ' << after;
     }
 }

@@ -150,6 +150,33 @@ TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {
   EXPECT_THAT(text_of(answer, 80), HasSubstr("  open\n"));
 }
 
+TEST(Answer, StepsOfASearchStandInTheirOrder) {
+  std::vector<Summary> steps;
+  for (const int number : {2, 0, 1}) {
+    auto& one = steps.emplace_back(run(static_cast<int>(steps.size()) + 1, "a", "udp", {}));
+    const auto value = std::to_string(1 << number) + " kHz";
+    amend(one.run.asked,
+          {{"search", {{"key", "background.rate"}, {"value", value}, {"step", number}, {"steps", 3}}},
+           {"variant", "background.rate " + value}});
+  }
+  std::vector<std::string> names;
+  for (const auto& row : answer_of(steps, kept).rows) names.push_back(row.name);
+  EXPECT_THAT(names, ::testing::ElementsAre(HasSubstr("1 kHz"), HasSubstr("2 kHz"), HasSubstr("4 kHz")));
+}
+
+TEST(Answer, ConditionsDoNotRepeatTheId) {
+  const auto conditions_of = [](const char* id, bool is_loaded) {
+    auto one = run(1, id, "udp", {});
+    amend(one.run.asked, {{"scenario_file", "robot.yaml"}});
+    if (is_loaded) amend(one.run.asked, {{"realtime", true}, {"load", {{"controller", {{"cpu", 2}}}}}});
+    return answer_of({one}, kept).rows.at(0).conditions;
+  };
+  EXPECT_EQ(conditions_of("idle", false), "");
+  EXPECT_EQ(conditions_of("at rest", false), "idle");
+  EXPECT_THAT(conditions_of("loaded", true), HasSubstr("load, RT"));
+  EXPECT_EQ(conditions_of("load", true), "RT");
+}
+
 TEST(Words, HoursAreNoLongNumberOfSeconds) {
   using namespace std::chrono_literals;
   EXPECT_EQ(duration(600s), "600 s");

@@ -241,7 +241,7 @@ TEST(Compare, TwoShortRunsGetNoVerdict) {
   EXPECT_FALSE(tells_nothing(statistics::Figure::lost, change(statistics::Figure::lost)));
   EXPECT_FALSE(tells_nothing(statistics::Figure::max, change(statistics::Figure::max)));
   b.push_back(b[0]);
-  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too few runs or messages\n"));
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too little data\n"));
 }
 
 TEST(Compare, MaximaOfUnequalNumbersOfMessagesAreShownButNotCompared) {

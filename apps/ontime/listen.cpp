@@ -338,7 +338,7 @@ class Listening {
       if (seen.contains(topic)) continue;
       unseen_.insert(topic);
       findings.remarks.push_back(
-          fmt::format("TOPIC: no message of '{}' was seen{}; {}", topic,
+          fmt::format("no message of '{}' was seen{}; {}", topic,
                       spelling::suggestion(topic, {seen.begin(), seen.end()}),
                       unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
                                                 "not captured. Start the capture before the nodes, or omit "

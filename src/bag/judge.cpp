@@ -423,23 +423,21 @@ listen::Findings Judge::findings() const {
   listen::judge_silence(findings.flows, limits_, until_ns_);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
-      findings.remarks.push_back(
-          fmt::format("{} messages {} (first topic: {})", oddity.messages, what, oddity.topic));
+      findings.remarks.push_back(fmt::format("{} message{} {} (first topic: {})", oddity.messages,
+                                             oddity.messages == 1 ? "" : "s", what, oddity.topic));
   };
   // rosbag2 notes the time of recording as publish time where the middleware gives none: no age begins there.
   if (limits_.age)
     remark(timeless_,
-           "have no header.stamp and no publish time, or one equal to their recording: their age is unknown");
-  remark(unset_, "have a header.stamp of 0: their age is unknown");
-  remark(
-      foreign_clock_,
-      "have a stamp more than a year from their recording, by another clock, such as simulated time: their "
-      "age is unknown");
+           "without header.stamp and publish time, or with one equal to the recording: age unknown");
+  remark(unset_, "with a header.stamp of 0: age unknown");
+  remark(foreign_clock_,
+         "with a stamp more than a year from the recording, by another clock, such as simulated time: age "
+         "unknown");
   remark(ahead_,
-         "have a stamp later than their recording: the writer's clock is ahead; their age counts as 0");
+         "with a stamp later than the recording: the writer's clock is ahead; age counted as 0");
   remark(was_set_,
-         "are the first of their topic after the recorder's clock was set, or out of order: no period is "
-         "counted there");
+         "out of order, or the first of a topic after the recorder's clock was set: no period is counted there");
   if (pauses_ > 0)
     findings.remarks.push_back(
         fmt::format("no topic was recorded for {:.0f} s{}: the recorder was paused, its clock was set "

@@ -21,7 +21,7 @@ void require_file(const std::string& path) {
   std::error_code error;
   if (std::filesystem::is_regular_file(path, error)) return;
   throw WrongFile(
-      fmt::format("{}: {}. Name a results file that `ontime run` or `ontime ping --results` wrote.", path,
+      fmt::format("{}: {}. Name a results file: `ontime run` and --results write one.", path,
                   error ? error.message() : "it is not a file"));
 }
 

@@ -50,6 +50,11 @@ Row row_of(const Group& runs, const std::string& name) {
   Row row;
   row.id = id_of(first.run.asked);
   row.conditions = in_words(first);
+  // The id "load" says the first word of "load, RT".
+  if (row.conditions == row.id)
+    row.conditions.clear();
+  else if (row.conditions.starts_with(row.id + ", "))
+    row.conditions.erase(0, row.id.size() + 2);
   row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
   for (const auto* run : runs) {
     row.runs.push_back(run->run.number);
@@ -107,6 +112,8 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     Group group;
     std::ranges::copy_if(all, std::back_inserter(group),
                          [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
+    // A search measures its steps in another order.
+    std::ranges::stable_sort(group, {}, [](const auto* run) { return run->run.asked.step.number; });
     for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;

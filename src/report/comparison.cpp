@@ -135,7 +135,7 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
                           : !too_few                    ? word_of(*change)
                           : !low && !high               ? "no interval"
                           : is_single(pair)             ? "too few messages"
-                                                        : "too few runs or messages"});
+                                                        : "too little data"});
   }
   if (table.rows.empty())
     table.notes.push_back("nothing to compare: no message was answered, or no run is complete");
