@@ -9,10 +9,10 @@ macro(ontime_need package found)
 endmacro()
 
 foreach(need IN ITEMS "PkgConfig pkg-config" "fmt libfmt-dev" "nlohmann_json nlohmann-json3-dev" "yaml-cpp libyaml-cpp-dev"
-        "SQLite3 libsqlite3-dev" "LibArchive libarchive-dev" "ZLIB zlib1g-dev" "Boost libboost-dev" "CLI11 libcli11-dev")
+        "SQLite3 libsqlite3-dev" "LibArchive libarchive-dev" "ZLIB zlib1g-dev" "Boost libboost-dev CONFIG" "CLI11 libcli11-dev")
   separate_arguments(need)
-  list(POP_FRONT need name package)
-  find_package(${name} QUIET)
+  list(POP_FRONT need name package config)
+  find_package(${name} QUIET ${config})
   ontime_need(${package} ${name}_FOUND)
 endforeach()
 foreach(need IN ITEMS "BPF libbpf libbpf-dev" "CAPSTONE capstone libcapstone-dev" "CRYPTO libcrypto libssl-dev" "ELF libelf libelf-dev"

@@ -124,7 +124,7 @@ class Listening {
   }
 
   int run() {
-    const auto& interrupts = catch_interrupts();
+    auto& interrupts = catch_interrupts();
     Terminal terminal;
     terminal.does(arguments_.is_in_processes() ? "setting probes" : "starting to listen");
     const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);

@@ -67,7 +67,7 @@ std::string text_of(const std::vector<ordered_json>& lines) {
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    const bool is_of_lab = name.starts_with("lab/") && name != line.at("file");
+    const bool is_of_lab = name.starts_with("lab/") && line.at("file") != name;
     const auto title = table::printable(line.at("title"));
     add(name, fmt::format("{}{}{}{}, {}{}", title, title.empty() ? "" : ": ",
                           line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),

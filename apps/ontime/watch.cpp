@@ -48,7 +48,7 @@ class Screen {
 
 int follow(const WatchArguments& arguments) {
   const bool as_json = is_json_flag(arguments.format);
-  const auto& interrupts = catch_interrupts();
+  auto& interrupts = catch_interrupts();
   ::setpriority(PRIO_PROCESS, 0, 19);  // measuring comes first; the metrics thread inherits it
   const auto metrics = metrics_at(arguments.metrics);
   watch::Follower follower(arguments.results);

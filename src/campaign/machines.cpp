@@ -178,7 +178,7 @@ void Machines::add(const std::string& host, const Host& where) {
   // Both ends cut the link; the time is taken from the controller, whose clock all times are in.
   machine.keeper->on("cut", [this](const orders::Frame& frame) {
     const auto end = std::ranges::find_if(links_, [&](const LinkEnd& link) {
-      return link.host == controller && link.name == frame.message.at("host");
+      return link.host == controller && frame.message.at("host") == link.name;
     });
     if (end != links_.end() && was_cut_) was_cut_(end->component, frame.message.at("at_ns"));
   });
