@@ -39,7 +39,8 @@ extern "C" std::int32_t dds_takecdr(std::int32_t reader, void** messages, std::u
 extern "C" std::uint32_t take_next_sample(void* reader, void* sample, void* info) asm(
     "_ZN8eprosima7fastdds3dds10DataReader16take_next_sampleEPvPNS1_10SampleInfoE");
 extern "C" std::uint32_t take_next_sample(void* reader, void* sample, void* info) {
-  static auto* const real = in_library<decltype(take_next_sample)>("libfastrtps.so", fast_take);
+  static auto* const real =
+      in_library<decltype(take_next_sample)>("lib" ONTIME_TEST_FASTDDS ".so", fast_take);
   const std::uint32_t result = real(reader, sample, info);
   if (result == 0) taken_ns = ontime::transport::now_ns();
   return result;

@@ -193,7 +193,8 @@ TEST_P(Dds, ItsThreadsAreTold) {
 // A program with file capabilities is not dumpable, and then its own /proc/self/task/TID/syscall is root's.
 TEST_P(Dds, ItsThreadsAreToldWhereTheKernelDoesNotTell) {
   EXPECT_EQ(in_own_process([&] {
-              const Plugin& plugin = load(GetParam());  // while we may read the folder
+              const std::string transport = GetParam();
+              const Plugin& plugin = load(transport);  // while we may read the folder
               require(getuid() != 0 || (setgid(65534) == 0 && setuid(65534) == 0),
                       "cannot become user 65534");
               prctl(PR_SET_DUMPABLE, 1);

@@ -1,17 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
+// Fast DDS, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
 // the link.
 #include <algorithm>
 #include <cstring>
-#include <functional>
 #include <mutex>
 #include <set>
 
 #include <fastdds/dds/core/condition/GuardCondition.hpp>
 #include <fastdds/dds/core/condition/WaitSet.hpp>
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/DataWriterListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
@@ -19,9 +15,6 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
-#include <fastrtps/config.h>
-#include <fastrtps/xmlparser/XMLProfileManager.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
@@ -32,6 +25,7 @@
 #include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
+#include "transport/fastdds/vendor.hpp"
 #include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
 #include "transport/transport.hpp"
@@ -39,8 +33,6 @@
 namespace ontime::transport::fastdds {
 namespace {
 
-namespace vendor = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
 using vendor::DomainParticipantFactory;
 using vendor::StatusMask;
 
@@ -60,41 +52,31 @@ struct Incoming {
 };
 
 // The round trip's message as a type of Fast DDS: it copies CDR bytes, and allocates nothing for a message.
-class CdrType final : public vendor::TopicDataType {
+class CdrType final : public Type {
  public:
-  explicit CdrType(std::size_t max_cdr_bytes) {
-    setName(message::type_name);
-    m_typeSize = static_cast<std::uint32_t>(max_cdr_bytes);
-    // Like rclcpp's, it is matched by its name alone.
-    auto_fill_type_object(false);
-    auto_fill_type_information(false);
-  }
+  explicit CdrType(std::size_t max_cdr_bytes) : Type(message::type_name, max_cdr_bytes, false) {}
 
-  bool serialize(void* outgoing, rtps::SerializedPayload_t* to) override {
+ private:
+  bool write(const void* outgoing, rtps::SerializedPayload_t& to) override {
     const auto& sample = *static_cast<const Outgoing*>(outgoing);
-    const std::size_t bytes = message::cdr_overhead + sample.payload.size();
-    if (bytes > to->max_size) return false;
-    message::encode(sample.sequence, sample.payload, {reinterpret_cast<std::byte*>(to->data), bytes});
-    to->length = static_cast<std::uint32_t>(bytes);
-    to->encapsulation = CDR_LE;
+    const std::uint32_t bytes = bytes_of(outgoing);
+    if (bytes > to.max_size) return false;
+    message::encode(sample.sequence, sample.payload, {reinterpret_cast<std::byte*>(to.data), bytes});
+    to.length = bytes;
+    to.encapsulation = CDR_LE;
     return true;
   }
-  bool deserialize(rtps::SerializedPayload_t* from, void* incoming) override {
+  bool read(const rtps::SerializedPayload_t& from, void* incoming) override {
     auto& sample = *static_cast<Incoming*>(incoming);
-    if (from->length > sample.room.size()) return false;
-    std::memcpy(sample.room.data(), from->data, from->length);
-    sample.cdr = sample.room.first(from->length);
+    if (from.length > sample.room.size()) return false;
+    std::memcpy(sample.room.data(), from.data, from.length);
+    sample.cdr = sample.room.first(from.length);
     return true;
   }
-  std::function<std::uint32_t()> getSerializedSizeProvider(void* outgoing) override {
-    return [sample = static_cast<const Outgoing*>(outgoing)] {
-      return static_cast<std::uint32_t>(message::cdr_overhead + sample->payload.size());
-    };
+  std::uint32_t bytes_of(const void* outgoing) override {
+    const auto& sample = *static_cast<const Outgoing*>(outgoing);
+    return static_cast<std::uint32_t>(message::cdr_overhead + sample.payload.size());
   }
-  // Samples are ours, never Fast DDS's, and have no key.
-  void* createData() override { return nullptr; }
-  void deleteData(void*) override {}
-  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
 };
 
 template <typename Entity>
@@ -105,13 +87,13 @@ Entity* opened(Entity* entity, const std::string& what, Log& log) {
 }
 
 vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log) {
-  eprosima::fastrtps::xmlparser::XMLProfileManager::DeleteInstance();  // of an earlier end of this process
+  XmlProfiles::DeleteInstance();  // of an earlier end of this process
   auto* const factory = DomainParticipantFactory::get_instance();
   factory->load_profiles();  // that is, none: it does so once, and takes heed of no others before
   const auto loaded = factory->load_XML_profiles_string(profiles.xml.data(), profiles.xml.size());
   // A participant that is open already may say something meanwhile.
   const std::string faults = log.text("XML");
-  if (loaded != ReturnCode_t::RETCODE_OK || !faults.empty())
+  if (loaded != done || !faults.empty())
     throw Error("fastdds: cannot use the profiles of " + profiles.source + ": " + faults);
   factory->set_default_participant_qos(vendor::PARTICIPANT_QOS_DEFAULT);  // that is, the default profile
   auto qos = factory->get_default_participant_qos();
@@ -173,7 +155,7 @@ void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes, rtps::Memor
 }
 
 // Keeps what was discovered about other participants, for people.
-class Discovered final : public vendor::DomainParticipantListener {
+class Discovered final : public Discovery {
  public:
   explicit Discovered(const Config& config) : ours_{dds::topic_read(config), dds::topic_written(config)} {}
   std::size_t participants() {
@@ -186,24 +168,20 @@ class Discovered final : public vendor::DomainParticipantListener {
   }
 
  private:
-  void on_participant_discovery(vendor::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) override {
-    using Info = rtps::ParticipantDiscoveryInfo;
+  void note_participant(const vendor::DomainParticipant&, const rtps::GUID_t& guid, bool is_here,
+                        const rtps::RemoteLocatorList&) override {
     const std::lock_guard lock(mutex_);
-    if (found.status == Info::REMOVED_PARTICIPANT || found.status == Info::DROPPED_PARTICIPANT)
-      participants_.erase(found.info.m_guid);
+    if (is_here)
+      participants_.insert(guid);
     else
-      participants_.insert(found.info.m_guid);
+      participants_.erase(guid);
   }
-  void on_subscriber_discovery(vendor::DomainParticipant*, rtps::ReaderDiscoveryInfo&& found) override {
-    note(found.info.topicName().to_string(), found.info.typeName().to_string());
-  }
-  void on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) override {
-    note(found.info.topicName().to_string(), found.info.typeName().to_string());
-  }
-  void note(const std::string& topic, const std::string& type) {
-    if (!ours_.contains(topic) || type == message::type_name) return;
+  void note_reader(Described&& reader) override { note(reader); }
+  void note_writer(Described&& writer) override { note(writer); }
+  void note(const Described& end) {
+    if (!ours_.contains(end.topic) || end.type == message::type_name) return;
     const std::lock_guard lock(mutex_);
-    other_type_ = dds::other_type(topic, type);
+    other_type_ = dds::other_type(end.topic, end.type);
   }
 
   const std::set<std::string> ours_;
@@ -324,8 +302,8 @@ std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink,
 }
 
 void FastEndpoint::open_participant(Log& log) {
-  profiles_ = profiles(config_, "fastdds");
-  const NoFile none;
+  profiles_ = profiles(config_, "fastdds", vendor_names);
+  const NoFile none(vendor_names);
   auto qos = participant_qos(profiles_, log);
   std::vector<Descriptor> files;
   if (config_.security) files = demand_security(qos, *config_.security);
@@ -377,7 +355,7 @@ void FastEndpoint::open_topics_and_ends(Log& log, rtps::MemoryManagementPolicy_t
 void FastEndpoint::take_all(vendor::DataReader& reader) noexcept {
   Incoming sample{room_};
   vendor::SampleInfo info;
-  while (reader.take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
+  while (reader.take_next_sample(&sample, &info) == done) {
     const std::int64_t arrival_ns = now_ns();
     if (!info.valid_data) continue;
     gaps_.note(writer_of(info), static_cast<std::int64_t>(info.sample_identity.sequence_number().to64long()));
@@ -388,17 +366,17 @@ void FastEndpoint::take_all(vendor::DataReader& reader) noexcept {
 
 bool FastEndpoint::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
   Outgoing sample{sequence, payload};
-  return writer_->write(&sample);
+  return writer_->write(&sample, vendor::HANDLE_NIL) == done;
 }
 
 void FastEndpoint::receive() noexcept {
-  waitset_.wait(active_, eprosima::fastrtps::c_TimeInfinite);
+  waitset_.wait(active_, c_TimeInfinite);
   take_all(*reader_);
 }
 
 Losses FastEndpoint::losses() {
   vendor::SampleLostStatus lost;
-  if (reader_->get_sample_lost_status(lost) != ReturnCode_t::RETCODE_OK) return {};
+  if (reader_->get_sample_lost_status(lost) != done) return {};
   const auto on_the_way = static_cast<std::uint64_t>(lost.total_count);
   const std::uint64_t missing = std::max(gaps_.missing(), on_the_way);  // noticed with the next one taken
   return {.on_the_way = on_the_way, .overwritten = missing - on_the_way};
@@ -416,10 +394,10 @@ std::string FastEndpoint::seen() {
 }
 
 std::map<std::string, std::string> FastEndpoint::facts() {
-  return dds::facts(config_, "Fast DDS " FASTRTPS_VERSION_STR, profiles_.carrier, profiles_.source);
+  return dds::facts(config_, std::string("Fast DDS ") + vendor_version, profiles_.carrier, profiles_.source);
 }
 
-std::string version() { return FASTRTPS_VERSION_STR; }
+std::string version() { return vendor_version; }
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   dds::check(config, "fastdds", options);

@@ -3,62 +3,33 @@
 #include "transport/fastdds/hearing.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <mutex>
 
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/TopicDataType.hpp>
-#include <fastrtps/utils/IPFinder.h>
-#include <fastrtps/utils/IPLocator.h>
 
 #include "transport/fastdds/log.hpp"
+#include "transport/fastdds/vendor.hpp"
 
 namespace ontime::transport::fastdds {
 namespace {
 
-namespace vendor = eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
-using eprosima::fastrtps::types::ReturnCode_t;
 using vendor::StatusMask;
 
 constexpr std::size_t most_waiting = 1 << 20;  // messages between two calls of take()
 
 // It reads no byte of a message: its arrival time and number are in the sample's information.
-class AnyType final : public vendor::TopicDataType {
+class AnyType final : public Type {
  public:
-  AnyType(const std::string& name, bool has_key) {
-    setName(name.c_str());
-    m_typeSize = 4096;  // a message may be larger: its memory is had when it comes
-    m_isGetKeyDefined = has_key;
-    auto_fill_type_object(false);
-    auto_fill_type_information(false);
-  }
-  bool serialize(void*, rtps::SerializedPayload_t*) override { return false; }
-  bool deserialize(rtps::SerializedPayload_t*, void*) override { return true; }
-  std::function<std::uint32_t()> getSerializedSizeProvider(void*) override {
-    return [] { return 0U; };
-  }
-  void* createData() override { return new char; }
-  void deleteData(void* data) override { delete static_cast<char*>(data); }
-  // All instances are one: none is kept for its own sake.
-  bool getKey(void*, rtps::InstanceHandle_t* handle, bool) override {
-    std::memset(handle->value, 1, sizeof handle->value);
-    return true;
-  }
-};
+  // A message may be larger: its memory is had when it comes.
+  AnyType(const std::string& name, bool has_key) : Type(name, 4096, has_key) {}
 
-// Settings that a reader needs to match a writer.
-struct Kind {
-  std::string topic, type;
-  bool has_key = false, is_exclusive = false;
-  std::vector<std::string> partitions;
-  auto operator<=>(const Kind&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
+ private:
+  bool write(const void*, rtps::SerializedPayload_t&) override { return false; }
+  bool read(const rtps::SerializedPayload_t&, void*) override { return true; }
+  std::uint32_t bytes_of(const void*) override { return 0; }
 };
 
 std::string ros_name(const std::string& topic) { return topic.starts_with("rt/") ? topic.substr(2) : topic; }
@@ -75,7 +46,7 @@ bool is_of_this_machine(const rtps::RemoteLocatorList& locators) {
   });
 }
 
-class FastHearing final : public Hearing, vendor::DomainParticipantListener {
+class FastHearing final : public Hearing, Discovery {
  public:
   FastHearing(int domain, const std::set<std::string>& topics);
   ~FastHearing() override {
@@ -93,20 +64,21 @@ class FastHearing final : public Hearing, vendor::DomainParticipantListener {
     Heard heard;
     std::string topic;
   };
-  void on_participant_discovery(vendor::DomainParticipant*, rtps::ParticipantDiscoveryInfo&&) override;
-  void on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&&) override;
+  void note_participant(const vendor::DomainParticipant&, const rtps::GUID_t&, bool is_here,
+                        const rtps::RemoteLocatorList& at) override;
+  void note_writer(Described&&) override;
   void on_data_available(vendor::DataReader*) override;
-  void open_reader(const Kind&);
+  void open_reader(const Described&);
 
   const int domain_;
   const std::set<std::string> topics_;
   vendor::DomainParticipant* participant_ = nullptr;
   std::map<std::string, std::string> types_;  // of topics that are read
-  std::set<Kind> read_;
+  std::set<Described> read_;
   std::vector<std::string> remarks_;
   std::mutex mutex_;                                 // what follows, Fast DDS's threads write
   std::map<rtps::GuidPrefix_t, bool> participants_;  // whether they are of this machine
-  std::set<Kind> found_;
+  std::set<Described> found_;
   std::vector<Message> messages_;
   std::uint64_t left_out_ = 0;
 };
@@ -121,34 +93,22 @@ FastHearing::FastHearing(int domain, const std::set<std::string>& topics) : doma
     throw Error("fastdds: cannot join domain " + std::to_string(domain) + ": " + log.text());
 }
 
-void FastHearing::on_participant_discovery(vendor::DomainParticipant* self,
-                                           rtps::ParticipantDiscoveryInfo&& found) {
-  using Info = rtps::ParticipantDiscoveryInfo;
-  const bool has_gone =
-      found.status == Info::REMOVED_PARTICIPANT || found.status == Info::DROPPED_PARTICIPANT;
-  const bool is_here = !has_gone && (found.info.m_guid.is_on_same_host_as(self->guid()) ||
-                                     is_of_this_machine(found.info.default_locators));
+void FastHearing::note_participant(const vendor::DomainParticipant& self, const rtps::GUID_t& guid,
+                                   bool is_here, const rtps::RemoteLocatorList& at) {
+  if (!is_here) return;
+  const bool is_ours = guid.is_on_same_host_as(self.guid()) || is_of_this_machine(at);
   const std::lock_guard lock(mutex_);
-  if (!has_gone) participants_[found.info.m_guid.guidPrefix] = is_here;
+  participants_[guid.guidPrefix] = is_ours;
 }
 
-void FastHearing::on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) {
-  if (found.status != rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) return;
-  const auto& writer = found.info;
-  Kind kind{.topic = writer.topicName().to_string(),
-            .type = writer.typeName().to_string(),
-            .has_key = writer.topicKind() == rtps::WITH_KEY,
-            .is_exclusive = writer.m_qos.m_ownership.kind == vendor::EXCLUSIVE_OWNERSHIP_QOS,
-            .partitions = {}};
-  if (!topics_.contains(ros_name(kind.topic))) return;
-  for (auto one = writer.m_qos.m_partition.begin(); one != writer.m_qos.m_partition.end(); ++one)
-    kind.partitions.emplace_back(one->name());
+void FastHearing::note_writer(Described&& writer) {
+  if (!topics_.contains(ros_name(writer.topic))) return;
   const std::lock_guard lock(mutex_);
-  found_.insert(std::move(kind));
+  found_.insert(std::move(writer));
 }
 
 // On a thread of the caller's: Fast DDS holds its locks while it tells of a discovery.
-void FastHearing::open_reader(const Kind& kind) {
+void FastHearing::open_reader(const Described& kind) {
   const auto cannot = [&](const std::string& why) {
     remarks_.push_back(ros_name(kind.topic) + ": messages of type " + kind.type + " are not read: " + why);
   };
@@ -170,8 +130,7 @@ void FastHearing::open_reader(const Kind& kind) {
   qos.resource_limits().max_samples_per_instance = 1000;
   qos.ownership().kind = kind.is_exclusive ? vendor::EXCLUSIVE_OWNERSHIP_QOS : vendor::SHARED_OWNERSHIP_QOS;
   qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
-  qos.type_consistency().representation.m_value = {vendor::XCDR_DATA_REPRESENTATION,
-                                                   vendor::XCDR2_DATA_REPRESENTATION};
+  representation_of(qos).m_value = {vendor::XCDR_DATA_REPRESENTATION, vendor::XCDR2_DATA_REPRESENTATION};
   qos.data_sharing().off();
   if (subscriber->create_datareader(topic, qos, this, StatusMask::data_available()) == nullptr)
     cannot(log.text());
@@ -181,7 +140,7 @@ void FastHearing::on_data_available(vendor::DataReader* reader) {
   char nothing = 0;
   vendor::SampleInfo info;
   const auto topic = reader->get_topicdescription()->get_name();
-  while (reader->take_next_sample(&nothing, &info) == ReturnCode_t::RETCODE_OK) {
+  while (reader->take_next_sample(&nothing, &info) == done) {
     if (!info.valid_data) continue;
     timespec now{};
     clock_gettime(CLOCK_REALTIME, &now);
@@ -207,7 +166,7 @@ void FastHearing::on_data_available(vendor::DataReader* reader) {
 
 void FastHearing::take(const std::function<void(const Heard&)>& hear) {
   std::vector<Message> messages;
-  std::set<Kind> found;
+  std::set<Described> found;
   {
     const std::lock_guard lock(mutex_);
     messages.swap(messages_);

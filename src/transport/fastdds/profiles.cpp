@@ -12,10 +12,8 @@ namespace {
 using xml::Document;
 using xml::Tree;
 
-constexpr const char* file_variable = "FASTRTPS_DEFAULT_PROFILES_FILE";
 constexpr const char* skip_variable = "SKIP_DEFAULT_XML_FILE";
 constexpr const char* more_variables_variable = "FASTDDS_ENVIRONMENT_FILE";
-constexpr const char* file_in_this_folder = "DEFAULT_FASTRTPS_PROFILES.xml";
 constexpr std::size_t unfragmented_bytes = 65'000;
 
 // The child of that name, created if missing.
@@ -24,13 +22,13 @@ Tree& child_of(Tree& tree, const char* name) {
   return found == tree.not_found() ? tree.push_back({name, Tree{}})->second : found->second;
 }
 
-std::vector<Document> users_documents(const Config& config, const std::string& who) {
+std::vector<Document> users_documents(const Config& config, const std::string& who, const Names& names) {
   std::vector<Document> documents;
-  if (const auto file = dds::users_variable(file_variable); !file.value.empty())
-    documents.push_back(xml::parse_file(file.value, file_variable, who));
+  if (const auto file = dds::users_variable(names.variable); !file.value.empty())
+    documents.push_back(xml::parse_file(file.value, names.variable, who));
   const bool skips = dds::users_variable(skip_variable).value.starts_with('1');
-  if (!skips && dds::follows_environment() && std::filesystem::exists(file_in_this_folder))
-    documents.push_back(xml::parse_file(file_in_this_folder, "its presence here", who));
+  if (!skips && dds::follows_environment() && std::filesystem::exists(names.file))
+    documents.push_back(xml::parse_file(names.file, "its presence here", who));
   const auto option = config.options.find("profiles");
   if (option == config.options.end()) return documents;
   try {
@@ -40,7 +38,7 @@ std::vector<Document> users_documents(const Config& config, const std::string& w
                  {"rtps_dump_file", "writes files"},
                  {"propertiesPolicy", "can have plugins write files"},
                  {"discoveryProtocol", "writes files", "BACKUP"}},
-                who, std::string("your own file, named by ") + file_variable);
+                who, std::string("your own file, named by ") + names.variable);
   } catch (const Error& error) {
     throw WrongInput(error.what());
   }
@@ -135,12 +133,12 @@ void name_peers(Tree& rtps, const Config& config, const std::string& who) {
 
 }  // namespace
 
-Profiles profiles(const Config& config, const std::string& who) {
+Profiles profiles(const Config& config, const std::string& who, const Names& names) {
   Profiles result{"", "ontime", "UDPv4"};
-  for (const char* variable : {file_variable, skip_variable})
+  for (const char* variable : {names.variable, skip_variable})
     if (const auto ignored = dds::users_variable(variable).ignored; !ignored.empty())
       result.source += ", " + ignored;
-  std::vector<Document> documents = users_documents(config, who);
+  std::vector<Document> documents = users_documents(config, who, names);
   for (Document& document : documents) {
     result.source += ", " + document.origin;
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
@@ -160,7 +158,7 @@ Profiles profiles(const Config& config, const std::string& who) {
   return result;
 }
 
-NoFile::NoFile() : file_(file_variable, {}), skip_(skip_variable, "1") {
+NoFile::NoFile(const Names& names) : file_(names.variable, {}), skip_(skip_variable, "1") {
   if (!dds::follows_environment()) more_variables_.emplace(more_variables_variable, std::nullopt);
 }
 

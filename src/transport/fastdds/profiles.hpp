@@ -17,21 +17,29 @@ struct Profiles {
   std::string carrier;  // "UDPv4", or who decides
 };
 
-// The user's profiles are what Fast DDS loads by itself, the file FASTRTPS_DEFAULT_PROFILES_FILE and, unless
-// SKIP_DEFAULT_XML_FILE is 1, DEFAULT_FASTRTPS_PROFILES.xml in the working directory, and then the option
-// "profiles". They stay as they are, with exceptions that keep the run as requested:
+// Where Fast DDS finds profiles by itself: the variable that names a file, and a file of the working
+// directory.
+struct Names {
+  const char *variable, *file;
+};
+inline constexpr Names names_of_2{"FASTRTPS_DEFAULT_PROFILES_FILE", "DEFAULT_FASTRTPS_PROFILES.xml"};
+inline constexpr Names names_of_3{"FASTDDS_DEFAULT_PROFILES_FILE", "DEFAULT_FASTDDS_PROFILES.xml"};
+
+// The user's profiles are what Fast DDS loads by itself, the variable's file and, unless
+// SKIP_DEFAULT_XML_FILE is 1, the one in the working directory, and then the option "profiles". They stay as
+// they are, with exceptions that keep the run as requested:
 // - if a link under test is named, UDPv4 on that link replaces their transports, locators and data sharing.
 //   Else their transports stay, and without any it is only UDPv4;
 // - peers are added to theirs;
 // - shortcuts within a process are off.
 // Throws WrongInput for parts that an option may not have (it may come from a foreign scenario, and would
 // write files), and Error for a file that is missing or not XML. `who` begins each message.
-Profiles profiles(const Config& config, const std::string& who);
+Profiles profiles(const Config& config, const std::string& who, const Names& names = names_of_2);
 
 // While it lives, the environment keeps Fast DDS from loading files by itself.
 class NoFile {
  public:
-  NoFile();
+  explicit NoFile(const Names& names = names_of_2);
 
  private:
   dds::Override file_, skip_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The roles of Fast DDS's threads. 2.9 neither names nor lists its threads, so they are recognised by what
-// they sleep on: a socket or a port of shared memory, whose number tells what it receives, or an event.
+// The roles of Fast DDS's threads, which it does not list. 2.14 and 3 name them. Those of 2.9 are recognised
+// by what they sleep on: a socket or a port of shared memory, whose number tells what it receives, or an
+// event.
 //
 // The kernel shows this only for a dumpable process, which a program with file capabilities is not. There the
 // order of their start tells: the timer, one thread for each receiving socket (first discovery's), and then
