@@ -389,7 +389,7 @@ TEST_F(Perfetto, IsInTheTraceEventFormat) {
       } else {
         ASSERT_EQ(phase, "e");
         ASSERT_FALSE(names.empty());
-        ASSERT_EQ(names.back(), event.at("name"));
+        ASSERT_EQ(event.at("name"), names.back());
         names.pop_back();
       }
     }

@@ -116,7 +116,7 @@ TEST(Boot, ScriptFindsKernelThreadsByTheirWholeName) {
   const auto begin = script.find("threads()"), end = script.find("for pid");
   const auto found = [&](const std::string& pattern) {
     const auto command = script.substr(begin, end - begin) + "threads '" + pattern + "' | wc -l";
-    const std::unique_ptr<FILE, decltype(&pclose)> pipe(popen(command.c_str(), "r"), pclose);
+    const std::unique_ptr<FILE, int (*)(FILE*)> pipe(popen(command.c_str(), "r"), pclose);
     int count = -1;
     EXPECT_EQ(std::fscanf(pipe.get(), "%d", &count), 1);
     return count;

@@ -45,7 +45,8 @@ TEST(Words, InvalidValuesAreRefused) {
 }
 
 TEST(Words, OneCpuHasAPriorityOfItsOwn) {
-  const auto& ksoftirqd = setting("ksoftirqd");
+  const std::string name = "ksoftirqd";
+  const auto& ksoftirqd = setting(name);
   const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
   EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0"), "fifo:60");
   EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5"), "other:-5");

@@ -58,7 +58,8 @@ class BelowIp : public testing::TestWithParam<const char*> {
   }
   // Of a process that gave up rights of its own.
   std::string error_without(const std::function<bool()>& give_up) {
-    const auto& plugin = load(GetParam());  // its user may not look into our folders
+    const std::string transport = GetParam();
+    const auto& plugin = load(transport);  // its user may not look into our folders
     config.interface = "far";
     config.role = Role::server;
     std::array<int, 2> pipe{};
