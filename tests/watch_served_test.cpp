@@ -85,7 +85,7 @@ TEST_F(Served, InvalidRequestDoesNotStopTheNext) {
     ::shutdown(socket, SHUT_WR);
     EXPECT_THAT(read_all(socket), Not(HasSubstr("ontime_measuring"))) << request.substr(0, 40);
   }
-  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\n\r\n"), HasSubstr("ontime_measuring 1"));
+  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"), HasSubstr("ontime_measuring 1"));
 }
 
 TEST_F(Served, SilentClientsTimeOutSoThatOthersAreServed) {
@@ -93,7 +93,7 @@ TEST_F(Served, SilentClientsTimeOutSoThatOthersAreServed) {
     const int socket = connect();
     ::send(socket, "GET /met", 8, MSG_NOSIGNAL);
   }
-  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\n\r\n"), HasSubstr("ontime_measuring 1"));
+  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"), HasSubstr("ontime_measuring 1"));
   EXPECT_THAT(read_all(sockets_.front()), Not(HasSubstr("ontime_measuring")));
 }
 
