@@ -337,14 +337,13 @@ class Listening {
     for (const auto& topic : topics_) {
       if (seen.contains(topic)) continue;
       unseen_.insert(topic);
-      findings.remarks.push_back(
-          fmt::format("no message of '{}' was seen{}; {}", topic,
-                      spelling::suggestion(topic, {seen.begin(), seen.end()}),
-                      unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
-                                                "not captured. Start the capture before the nodes, or omit "
-                                                "TOPIC",
-                                                unnamed)
-                                  : what_shows_topics()));
+      findings.remarks.push_back(fmt::format(
+          "no message of '{}' was seen{}; {}", topic, spelling::suggestion(topic, {seen.begin(), seen.end()}),
+          unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
+                                    "not captured. Start the capture before the nodes, or omit "
+                                    "TOPIC",
+                                    unnamed)
+                      : what_shows_topics()));
     }
     if (findings.flows.empty() && arguments_.is_in_processes())
       findings.remarks.emplace_back(
