@@ -108,11 +108,5 @@ TEST_F(Export, NoSamplesGiveAHeaderAlone) {
   EXPECT_EQ(exported(SampleFormat::jsonl), "");
 }
 
-TEST(SampleFormatOf, KnowsItsWords) {
-  EXPECT_EQ(sample_format_of("csv"), SampleFormat::csv);
-  EXPECT_EQ(sample_format_of("jsonl"), SampleFormat::jsonl);
-  EXPECT_EQ(sample_format_of("parquet"), std::nullopt);
-}
-
 }  // namespace
 }  // namespace ontime::report

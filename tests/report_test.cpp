@@ -11,17 +11,6 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-TEST(FormatOf, KnowsItsWords) {
-  EXPECT_EQ(format_of("table"), Format::table);
-  EXPECT_EQ(format_of("json"), Format::json);
-  EXPECT_EQ(format_of("csv"), Format::csv);
-  EXPECT_EQ(format_of("markdown"), Format::markdown);
-  EXPECT_EQ(format_of("latex"), Format::latex);
-  EXPECT_EQ(format_of("html"), Format::html);
-  EXPECT_EQ(format_of("pdf"), std::nullopt);
-  EXPECT_EQ(format_of(""), std::nullopt);
-}
-
 TEST(Json, HasEveryKeyThatIsPromised) {
   auto one = summary(asked("Test1.B", "cyclonedds"), outcome());
   one.server = statistics::Distribution{};

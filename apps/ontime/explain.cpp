@@ -23,13 +23,6 @@ struct ExplainArguments {
   std::optional<std::int64_t> message;
 };
 
-report::Format format_of(const std::string& word) {
-  const auto format = report::format_of(word);
-  if (format != report::Format::table && format != report::Format::json && format != report::Format::markdown)
-    throw campaign::Error(2, fmt::format("--format: '{}' is not one of table, json, markdown", word));
-  return *format;
-}
-
 const explain::Message& message_of(const report::Explained& one, std::int64_t index) {
   const auto& messages = one.account.messages;
   const auto found = std::ranges::find_if(messages, [&](const auto& message) {
@@ -56,7 +49,10 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
 }
 
 int explain(const ExplainArguments& arguments) {
-  const auto format = format_of(arguments.format);
+  using report::Format;
+  const auto format =
+      word_flag<Format>("--format", arguments.format,
+                        {{"table", Format::table}, {"json", Format::json}, {"markdown", Format::markdown}});
   const record::Reader reader(arguments.results);
   const auto runs = chosen_runs(reader, arguments.results, arguments.only);
   if (const char* const flag = arguments.message             ? "--message"

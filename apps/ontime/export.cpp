@@ -18,13 +18,14 @@ struct ExportArguments {
 };
 
 report::SampleFormat sample_format_flag(const std::string& word) {
-  if (const auto format = report::sample_format_of(word)) return *format;
   if (word == "parquet" || word == "arrow")
     throw campaign::Error(2,
                           fmt::format("--format: ontime does not write {}, because Debian 12 has no library "
                                       "for it. Fix: convert csv with pandas (docs/how-to/work-on-samples.md)",
                                       word));
-  throw campaign::Error(2, fmt::format("--format: '{}' is not one of csv, jsonl", word));
+  using report::SampleFormat;
+  return word_flag<SampleFormat>("--format", word,
+                                 {{"csv", SampleFormat::csv}, {"jsonl", SampleFormat::jsonl}});
 }
 
 int export_results(const ExportArguments& arguments) {

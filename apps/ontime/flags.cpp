@@ -50,16 +50,18 @@ void add_metrics(Command& command, std::string& address) {
 }
 
 report::Format format_flag(const std::string& word) {
-  const auto format = report::format_of(word);
-  if (!format)
-    throw Error(2, fmt::format("--format: '{}' is not one of table, json, csv, markdown, latex, html", word));
-  return *format;
+  using enum report::Format;
+  return word_flag<report::Format>("--format", word,
+                                   {{"table", table},
+                                    {"json", json},
+                                    {"csv", csv},
+                                    {"markdown", markdown},
+                                    {"latex", latex},
+                                    {"html", html}});
 }
 
 bool is_json_flag(const std::string& word) {
-  if (word != "json" && word != "table")
-    throw Error(2, fmt::format("--format: '{}' is not one of table, json", word));
-  return word == "json";
+  return word_flag<bool>("--format", word, {{"table", false}, {"json", true}});
 }
 
 std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text) {

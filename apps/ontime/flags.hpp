@@ -3,9 +3,11 @@
 #pragma once
 
 #include <chrono>
+#include <initializer_list>
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "command.hpp"
 #include "orders/orders.hpp"
@@ -42,6 +44,17 @@ report::Format format_flag(const std::string& word);
 bool is_json_flag(const std::string& word);
 std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text);
 std::uint64_t bytes_flag(const std::string& flag, const std::string& text);
+// One of these words.
+template <class Value>
+Value word_flag(const std::string& flag, const std::string& word,
+                std::initializer_list<std::pair<const char*, Value>> words) {
+  std::string all;
+  for (const auto& [one, value] : words) {
+    if (word == one) return value;
+    all += (all.empty() ? "" : ", ") + std::string(one);
+  }
+  throw orders::Error(2, flag + ": '" + word + "' is not one of " + all);
+}
 template <class Read>
 auto read_flag(const std::string& flag, const Read& read) {
   try {

@@ -18,19 +18,18 @@ struct ImportArguments {
 };
 
 foreign::What what_of(const ImportArguments& arguments) {
-  const auto form = foreign::form_of(arguments.from);
-  if (!form && arguments.from == "performance-test")
+  if (arguments.from == "performance-test")
     throw campaign::Error(2,
                           "--from: performance_test cannot be imported. It logs only the least, mean and "
                           "greatest latency of each second; percentiles need every message");
-  if (!form)
-    throw campaign::Error(
-        2, fmt::format("--from: '{}' is not one of cyclictest-histogram, cyclictest-json", arguments.from));
-  if (arguments.unit != "us" && arguments.unit != "ns")
-    throw campaign::Error(2, fmt::format("--unit: '{}' is not one of us, ns", arguments.unit));
+  using foreign::Form;
+  const auto form = word_flag<Form>(
+      "--from", arguments.from,
+      {{"cyclictest-histogram", Form::cyclictest_histogram}, {"cyclictest-json", Form::cyclictest_json}});
+  const auto unit_ns = word_flag<int>("--unit", arguments.unit, {{"us", 1000}, {"ns", 1}});
   if (const auto flaw = conditions::flaw_of_id(arguments.id); !flaw.empty())
     throw campaign::Error(2, fmt::format("--id: '{}': {}", arguments.id, flaw));
-  return {*form, arguments.id, arguments.unit == "us" ? 1000 : 1};
+  return {form, arguments.id, unit_ns};
 }
 
 int import_results(const ImportArguments& arguments) {

@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <limits>
-#include <map>
 #include <memory>
 #include <system_error>
 
@@ -35,18 +34,19 @@ struct PlotArguments {
 };
 
 Plot plot_of(const PlotArguments& arguments) {
-  const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
-                                                       {"ccdf", Plot::Figure::ccdf},
-                                                       {"conditions", Plot::Figure::conditions},
-                                                       {"payload", Plot::Figure::payload},
-                                                       {"background", Plot::Figure::background},
-                                                       {"worse", Plot::Figure::ccdf},
-                                                       {"neighbours", Plot::Figure::background}};
-  const auto figure = figures.find(arguments.figure);
-  if (figure == figures.end())
-    throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, background",
-                               arguments.figure));
-  return {figure->second, form_of("--output", arguments.output), arguments.wide};
+  using enum Plot::Figure;
+  // Until 0.3, "worse" and "neighbours" are names, too.
+  const auto& word = arguments.figure;
+  const auto figure = word_flag<Plot::Figure>("--figure",
+                                              word == "worse"        ? "ccdf"
+                                              : word == "neighbours" ? "background"
+                                                                     : word,
+                                              {{"time", time},
+                                               {"ccdf", ccdf},
+                                               {"conditions", conditions},
+                                               {"payload", payload},
+                                               {"background", background}});
+  return {figure, form_of("--output", arguments.output), arguments.wide};
 }
 
 constexpr std::size_t most_panels = 12;  // on one sheet of paper

@@ -122,10 +122,11 @@ int apply(const TuneArguments& arguments) {
       throw Error(2, fmt::format("{} is a setting of an interface. Fix: --interface NAME, or --peer HOST",
                                  setting.name));
   if (!arguments.boot.empty()) {
-    const auto form = settings::form_of(arguments.boot);
-    if (!form)
-      throw Error(2, fmt::format("--print: '{}' is not one of systemd, tmpfiles, shell", arguments.boot));
-    print(settings::at_every_boot(*form, run.kernel, settings::plan(run.kernel, link), link,
+    using settings::Form;
+    const auto form =
+        word_flag<Form>("--print", arguments.boot,
+                        {{"systemd", Form::systemd}, {"tmpfiles", Form::tmpfiles}, {"shell", Form::shell}});
+    print(settings::at_every_boot(form, run.kernel, settings::plan(run.kernel, link), link,
                                   orders::this_program()));
     return 0;
   }

@@ -36,13 +36,12 @@ namespace {
 using campaign::Error;
 using Seconds = std::chrono::duration<double>;
 
-constexpr const char *here = "here", *in_lab = "lab";
 constexpr const char* usual_time = "2 h";
 constexpr int usual_priority = 80;
 constexpr double too_many_runs = 24;  // to prove that a goal holds
 
 struct Arguments {
-  std::string scenario, goal, on = here, within = usual_time, results, keep_cpus_off, format = "table";
+  std::string scenario, goal, on = "here", within = usual_time, results, keep_cpus_off, format = "table";
   std::string send_to;  // for the search in the lab's machine, which measures and prints nothing
   std::vector<std::string> never;
   Choice choice;
@@ -353,9 +352,7 @@ int search_in_lab(const Arguments& arguments, const Asked& asked, InLab& lab, Te
 int run(const Arguments& arguments) {
   is_json_flag(arguments.format);
   auto asked = asked_of(arguments);
-  const bool is_in_lab = arguments.on == in_lab;
-  if (!is_in_lab && arguments.on != here)
-    throw Error(2, fmt::format("--on: '{}' is not one of {}, {}", arguments.on, here, in_lab));
+  const bool is_in_lab = word_flag<bool>("--on", arguments.on, {{"here", false}, {"lab", true}});
   if (const auto flag = arguments.lab.first_given(); !is_in_lab && !flag.empty())
     throw Error(2, fmt::format("{} applies to the lab's machine: add --on lab, or leave it out", flag));
   if (is_in_lab && !arguments.choice.selection.cable.empty())

@@ -313,12 +313,6 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
 
 }  // namespace
 
-std::optional<Form> form_of(const std::string& word) {
-  if (word == "cyclictest-histogram") return Form::cyclictest_histogram;
-  if (word == "cyclictest-json") return Form::cyclictest_json;
-  return std::nullopt;
-}
-
 std::vector<Import> read(const std::string& file, const What& what) {
   return what.form == Form::cyclictest_json ? read_json(file, what) : read_text(file, what);
 }

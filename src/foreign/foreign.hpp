@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstdint>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -18,7 +17,6 @@ enum class Form {
   cyclictest_histogram,  // what `cyclictest -h N` or `-H N` prints or writes into its --histfile
   cyclictest_json,       // what `cyclictest -h N --json=FILE` writes
 };
-std::optional<Form> form_of(const std::string& word);
 
 // A run for record::Writer::begin_run() and end_run(). It has no samples: the tool kept how often each value
 // occurred, but not when. docs/reference/json.md describes `imported` and `histogram`.

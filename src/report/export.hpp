@@ -4,7 +4,6 @@
 #pragma once
 
 #include <functional>
-#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -17,7 +16,6 @@ namespace ontime::report {
 // Every sample of these runs, a line each, in order of run and message; docs/reference/results-file.md names
 // the columns. `write` is given pieces of the text: memory does not grow with the number of samples.
 enum class SampleFormat { csv, jsonl };
-std::optional<SampleFormat> sample_format_of(const std::string& word);
 void export_samples(const record::Reader&, const std::vector<record::Run>&, SampleFormat,
                     const std::function<void(std::string_view)>& write);
 

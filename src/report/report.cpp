@@ -24,16 +24,6 @@ std::string page_text(const Page& unchecked, Format format, std::size_t width) {
 
 }  // namespace
 
-std::optional<Format> format_of(const std::string& word) {
-  if (word == "table") return Format::table;
-  if (word == "json") return Format::json;
-  if (word == "csv") return Format::csv;
-  if (word == "markdown") return Format::markdown;
-  if (word == "latex") return Format::latex;
-  if (word == "html") return Format::html;
-  return std::nullopt;
-}
-
 std::string render(const Summaries& summaries, Format format, const Origin& origin, std::size_t width) {
   if (format == Format::csv) return csv_of(summaries);
   if (format != Format::json) return page_text(page_of(summaries), format, width);

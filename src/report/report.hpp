@@ -4,7 +4,6 @@
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -14,7 +13,6 @@
 namespace ontime::report {
 
 enum class Format { table, json, csv, markdown, latex, html };
-std::optional<Format> format_of(const std::string& word);
 
 // Every table of all runs, one row a run; as HTML the tables alone. docs/reference/json.md describes the
 // JSON; it is stable. `width`: of a terminal, for Format::table.

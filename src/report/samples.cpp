@@ -110,12 +110,6 @@ class Line {
 
 }  // namespace
 
-std::optional<SampleFormat> sample_format_of(const std::string& word) {
-  if (word == "csv") return SampleFormat::csv;
-  if (word == "jsonl") return SampleFormat::jsonl;
-  return std::nullopt;
-}
-
 void export_samples(const record::Reader& reader, const std::vector<record::Run>& runs, SampleFormat format,
                     const std::function<void(std::string_view)>& write) {
   fmt::memory_buffer out;

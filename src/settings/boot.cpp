@@ -129,13 +129,6 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
 
 }  // namespace
 
-std::optional<Form> form_of(const std::string& word) {
-  if (word == "systemd") return Form::systemd;
-  if (word == "tmpfiles") return Form::tmpfiles;
-  if (word == "shell") return Form::shell;
-  return {};
-}
-
 std::string command_to_apply(const std::string& program, const Wishes& wishes, const Link& link) {
   std::string command = program + " tune apply";
   for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);

@@ -5,7 +5,6 @@
 #pragma once
 
 #include <map>
-#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -119,7 +118,6 @@ std::string command_to_apply(const std::string& program, const Wishes&, const Li
 // Text that sets them at every boot: a systemd unit that runs `program`, lines of tmpfiles.d, or a script.
 // Throws WrongInput for what this form cannot express, and Error if users could change `program`.
 enum class Form { systemd, tmpfiles, shell };
-std::optional<Form> form_of(const std::string& word);
 std::string at_every_boot(Form, const Wishes&, const std::vector<Change>&, const Link&,
                           const std::string& program);
 

@@ -201,7 +201,7 @@ class Search(unittest.TestCase):
 
     def test_help_names_every_setting_and_exit_code(self):
         said = subprocess.run([ONTIME, "tune", "search", "--help"], capture_output=True, text=True, check=True).stdout
-        for word in ("kernel.rmem-max", "realtime.cpu-latency", "2 wrong usage", "130 interrupted"):
+        for word in ("kernel.rmem-max", "realtime.cpu-latency", "2 invalid usage", "130 interrupted"):
             self.assertIn(word, said)
 
     def test_kills_at_random_moments_leave_the_machine_as_it_was_and_the_search_goes_on(self):

@@ -52,12 +52,11 @@ struct Incoming {
 };
 
 // The round trip's message as a type of Fast DDS: it copies CDR bytes, and allocates nothing for a message.
-class CdrType final : public Type {
+class CdrType final : public Type<CdrType> {
  public:
   explicit CdrType(std::size_t max_cdr_bytes) : Type(message::type_name, max_cdr_bytes, false) {}
 
- private:
-  bool write(const void* outgoing, rtps::SerializedPayload_t& to) override {
+  static bool write(const void* outgoing, rtps::SerializedPayload_t& to) {
     const auto& sample = *static_cast<const Outgoing*>(outgoing);
     const std::uint32_t bytes = bytes_of(outgoing);
     if (bytes > to.max_size) return false;
@@ -66,14 +65,14 @@ class CdrType final : public Type {
     to.encapsulation = CDR_LE;
     return true;
   }
-  bool read(const rtps::SerializedPayload_t& from, void* incoming) override {
+  static bool read(const rtps::SerializedPayload_t& from, void* incoming) {
     auto& sample = *static_cast<Incoming*>(incoming);
     if (from.length > sample.room.size()) return false;
     std::memcpy(sample.room.data(), from.data, from.length);
     sample.cdr = sample.room.first(from.length);
     return true;
   }
-  std::uint32_t bytes_of(const void* outgoing) override {
+  static std::uint32_t bytes_of(const void* outgoing) {
     const auto& sample = *static_cast<const Outgoing*>(outgoing);
     return static_cast<std::uint32_t>(message::cdr_overhead + sample.payload.size());
   }

@@ -21,15 +21,14 @@ using vendor::StatusMask;
 constexpr std::size_t most_waiting = 1 << 20;  // messages between two calls of take()
 
 // It reads no byte of a message: its arrival time and number are in the sample's information.
-class AnyType final : public Type {
+class AnyType final : public Type<AnyType> {
  public:
   // A message may be larger: its memory is had when it comes.
   AnyType(const std::string& name, bool has_key) : Type(name, 4096, has_key) {}
 
- private:
-  bool write(const void*, rtps::SerializedPayload_t&) override { return false; }
-  bool read(const rtps::SerializedPayload_t&, void*) override { return true; }
-  std::uint32_t bytes_of(const void*) override { return 0; }
+  static bool write(const void*, rtps::SerializedPayload_t&) { return false; }
+  static bool read(const rtps::SerializedPayload_t&, void*) { return true; }
+  static std::uint32_t bytes_of(const void*) { return 0; }
 };
 
 std::string ros_name(const std::string& topic) { return topic.starts_with("rt/") ? topic.substr(2) : topic; }

@@ -56,6 +56,11 @@ inline auto& representation_of(vendor::DataReaderQos& qos) { return qos.represen
 #endif
 
 // A type of messages that is matched by its name alone, like rclcpp's. Samples are ours, never Fast DDS's.
+// Each message calls static functions of `Of`, which the compiler can inline:
+//   bool write(const void* sample, rtps::SerializedPayload_t& to);
+//   bool read(const rtps::SerializedPayload_t& from, void* sample);
+//   std::uint32_t bytes_of(const void* sample);
+template <typename Of>
 class Type : public vendor::TopicDataType {
  public:
   Type(const std::string& name, std::size_t max_bytes, bool has_key) {
@@ -74,9 +79,6 @@ class Type : public vendor::TopicDataType {
   }
 
  private:
-  virtual bool write(const void* sample, rtps::SerializedPayload_t& to) = 0;
-  virtual bool read(const rtps::SerializedPayload_t& from, void* sample) = 0;
-  virtual std::uint32_t bytes_of(const void* sample) = 0;
   // All instances are one: none is kept for its own sake.
   static bool key(rtps::InstanceHandle_t& to) {
     to.value[0] = 1;
@@ -84,10 +86,10 @@ class Type : public vendor::TopicDataType {
   }
 
 #ifdef ONTIME_FASTDDS_2
-  bool serialize(void* sample, rtps::SerializedPayload_t* to) final { return write(sample, *to); }
-  bool deserialize(rtps::SerializedPayload_t* from, void* sample) final { return read(*from, sample); }
+  bool serialize(void* sample, rtps::SerializedPayload_t* to) final { return Of::write(sample, *to); }
+  bool deserialize(rtps::SerializedPayload_t* from, void* sample) final { return Of::read(*from, sample); }
   std::function<std::uint32_t()> getSerializedSizeProvider(void* sample) final {
-    return [this, sample] { return bytes_of(sample); };
+    return [sample] { return Of::bytes_of(sample); };
   }
   void* createData() final { return nullptr; }
   void deleteData(void*) final {}
@@ -95,11 +97,11 @@ class Type : public vendor::TopicDataType {
 #else
   using Representation = vendor::DataRepresentationId_t;
   bool serialize(const void* sample, rtps::SerializedPayload_t& to, Representation) final {
-    return write(sample, to);
+    return Of::write(sample, to);
   }
-  bool deserialize(rtps::SerializedPayload_t& from, void* sample) final { return read(from, sample); }
+  bool deserialize(rtps::SerializedPayload_t& from, void* sample) final { return Of::read(from, sample); }
   std::uint32_t calculate_serialized_size(const void* sample, Representation) final {
-    return bytes_of(sample);
+    return Of::bytes_of(sample);
   }
   void* create_data() final { return nullptr; }
   void delete_data(void*) final {}
