@@ -434,10 +434,10 @@ listen::Findings Judge::findings() const {
   remark(foreign_clock_,
          "with a stamp more than a year from the recording, by another clock, such as simulated time: age "
          "unknown");
-  remark(ahead_,
-         "with a stamp later than the recording: the writer's clock is ahead; age counted as 0");
-  remark(was_set_,
-         "out of order, or the first of a topic after the recorder's clock was set: no period is counted there");
+  remark(ahead_, "with a stamp later than the recording: the writer's clock is ahead; age counted as 0");
+  remark(
+      was_set_,
+      "out of order, or the first of a topic after the recorder's clock was set: no period is counted there");
   if (pauses_ > 0)
     findings.remarks.push_back(
         fmt::format("no topic was recorded for {:.0f} s{}: the recorder was paused, its clock was set "

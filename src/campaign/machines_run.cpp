@@ -106,9 +106,9 @@ std::string Machines::isolate(const std::string& host, const Run& run, const jso
                                 {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}})
                                .at("stay");
   if (stay.empty()) return "";
-  auto text = fmt::format(
-      "isolation: on the {}, threads with an affinity of their own may still run on CPUs {}: {}", host,
-      run.isolation.cpus, stay);
+  auto text =
+      fmt::format("isolation: on the {}, threads with an affinity of their own may still run on CPUs {}: {}",
+                  host, run.isolation.cpus, stay);
   if (warned_.insert(host + run.isolation.cpus).second) observer_.note(text);
   return text;
 }

@@ -20,9 +20,8 @@ namespace {
 void require_file(const std::string& path) {
   std::error_code error;
   if (std::filesystem::is_regular_file(path, error)) return;
-  throw WrongFile(
-      fmt::format("{}: {}. Name a results file: `ontime run` and --results write one.", path,
-                  error ? error.message() : "it is not a file"));
+  throw WrongFile(fmt::format("{}: {}. Name a results file: `ontime run` and --results write one.", path,
+                              error ? error.message() : "it is not a file"));
 }
 
 // A killed Writer may leave committed data in the log (-wal) beside the file. SQLite locks that log while

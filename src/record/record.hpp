@@ -78,8 +78,8 @@ inline constexpr std::int64_t samples_around = 16;
 
 // A thread of the Writer writes to the disk. begin_run(), end_run(), flush(), reader() and the destructor
 // wait for it. append() and note() of a current run do not wait, however long the disk stalls, until four
-// million samples are queued (in a bounded file: a thirty-second of its size). They throw the errors of earlier
-// writes.
+// million samples are queued (in a bounded file: a thirty-second of its size). They throw the errors of
+// earlier writes.
 class Writer {
  public:
   // Creates the file, or adds runs to an existing one; converts an older format to the current one. An empty
