@@ -164,17 +164,17 @@ TEST(Answer, StepsOfASearchStandInTheirOrder) {
   EXPECT_THAT(names, ::testing::ElementsAre(HasSubstr("1 kHz"), HasSubstr("2 kHz"), HasSubstr("4 kHz")));
 }
 
-TEST(Answer, ConditionsDoNotRepeatTheId) {
-  const auto conditions_of = [](const char* id, bool is_loaded) {
+TEST(Answer, RowDoesNotRepeatItsId) {
+  const auto text_for = [](const char* id, bool is_loaded) {
     auto one = run(1, id, "udp", {});
     amend(one.run.asked, {{"scenario_file", "robot.yaml"}});
     if (is_loaded) amend(one.run.asked, {{"realtime", true}, {"load", {{"controller", {{"cpu", 2}}}}}});
-    return answer_of({one}, kept).rows.at(0).conditions;
+    return text_of(answer_of({one}, kept), 80);
   };
-  EXPECT_EQ(conditions_of("idle", false), "");
-  EXPECT_EQ(conditions_of("at rest", false), "idle");
-  EXPECT_THAT(conditions_of("loaded", true), HasSubstr("load, RT"));
-  EXPECT_EQ(conditions_of("load", true), "RT");
+  EXPECT_THAT(text_for("idle", false), HasSubstr("\nidle  udp "));
+  EXPECT_THAT(text_for("at rest", false), HasSubstr("\nat rest idle  udp "));
+  EXPECT_THAT(text_for("loaded", true), HasSubstr("\nloaded load, RT  udp "));
+  EXPECT_THAT(text_for("load", true), HasSubstr("\nload RT  udp "));
 }
 
 TEST(Words, HoursAreNoLongNumberOfSeconds) {

@@ -50,11 +50,6 @@ Row row_of(const Group& runs, const std::string& name) {
   Row row;
   row.id = id_of(first.run.asked);
   row.conditions = in_words(first);
-  // The id "load" says the first word of "load, RT".
-  if (row.conditions == row.id)
-    row.conditions.clear();
-  else if (row.conditions.starts_with(row.id + ", "))
-    row.conditions.erase(0, row.id.size() + 2);
   row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
   for (const auto* run : runs) {
     row.runs.push_back(run->run.number);

@@ -90,7 +90,9 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
   std::string before;
   for (const auto place : places) {
     const auto& row = rows[place];
-    auto id = row.conditions.empty() ? row.id : row.id + " " + row.conditions;
+    // The id "load" says the first word of "load, RT".
+    const auto said = (row.conditions + ", ").starts_with(row.id + ", ") ? row.id.size() + 2 : 0;
+    auto id = row.conditions.size() <= said ? row.id : row.id + " " + row.conditions.substr(said);
     const bool same = id == before;
     before = id;
     table.rows.push_back({same ? "" : id, row.name, missed_of(row, !same_cycles), wait_of(row),
