@@ -175,13 +175,14 @@ TEST_F(Bounded, SmallerBoundMakesTheFileFitOrIsRefused) {
   EXPECT_THAT(error_of([&] { writer.keep_worst(1'000'000); }), HasSubstr("Choose another file"));
 }
 
-// Each message that goes takes its notes with it, which are found without a look at all others.
+// Each message that goes takes its notes with it, which are found without a look at all others; also in a
+// file that was begun without a bound.
 TEST_F(Bounded, ManyNotesDoNotStopIt) {
-  constexpr std::uint64_t large = 40'000'000;
+  constexpr std::uint64_t large = 48'000'000;
   {
     Writer writer(path_);
-    writer.keep_worst(large);
-    writer.end_run(writer.begin_run({{"id", "before"}}), nlohmann::json::object());
+    for (const auto* id : {"before", "many notes"})
+      writer.end_run(writer.begin_run({{"id", id}}), nlohmann::json::object());
   }
   query(path_,
         "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 550000) "
@@ -192,6 +193,7 @@ TEST_F(Bounded, ManyNotesDoNotStopIt) {
   for (std::uint64_t i = 1; i <= 1'000; ++i) add(writer, run, 1'000'000 + 100 * i, 20 * ms);
   EXPECT_EQ(error_of([&] { writer.flush(); }), "");
   EXPECT_LE(bytes(), large);
+  EXPECT_EQ(error_of([&] { writer.forget_run(2); }), "");
 }
 
 TEST_F(Bounded, OldestRunsGoWhereThereAreTooMany) {

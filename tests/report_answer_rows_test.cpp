@@ -152,16 +152,21 @@ TEST(Answer, OpenLimitOfWhatHasNoneIsOpen) {
 
 TEST(Answer, StepsOfASearchStandInTheirOrder) {
   std::vector<Summary> steps;
-  for (const int number : {2, 0, 1}) {
-    auto& one = steps.emplace_back(run(static_cast<int>(steps.size()) + 1, "a", "udp", {}));
-    const auto value = std::to_string(1 << number) + " kHz";
-    amend(one.run.asked,
-          {{"search", {{"key", "background.rate"}, {"value", value}, {"step", number}, {"steps", 3}}},
-           {"variant", "background.rate " + value}});
-  }
+  for (const char* transport : {"udp", "cyclonedds"})
+    for (const int number : {2, 0, 1}) {
+      auto& one = steps.emplace_back(run(static_cast<int>(steps.size()) + 1, "a", transport, {}));
+      const auto value = std::to_string(1 << number) + " kHz";
+      amend(one.run.asked,
+            {{"search", {{"key", "background.rate"}, {"value", value}, {"step", number}, {"steps", 3}}},
+             {"variant", "background.rate " + value}});
+    }
   std::vector<std::string> names;
   for (const auto& row : answer_of(steps, kept).rows) names.push_back(row.name);
-  EXPECT_THAT(names, ::testing::ElementsAre(HasSubstr("1 kHz"), HasSubstr("2 kHz"), HasSubstr("4 kHz")));
+  EXPECT_THAT(names,
+              ::testing::ElementsAre("udp background.rate 1 kHz", "udp background.rate 2 kHz",
+                                     "udp background.rate 4 kHz", HasSubstr("cyclonedds background.rate 1"),
+                                     HasSubstr("cyclonedds background.rate 2"),
+                                     HasSubstr("cyclonedds background.rate 4")));
 }
 
 TEST(Answer, RowDoesNotRepeatItsId) {

@@ -70,10 +70,10 @@ std::vector<statistics::Summary> summaries_of(const record::Reader& reader,
   const auto begun = std::chrono::steady_clock::now();
   std::vector<statistics::Summary> summaries;
   for (const auto& run : runs) {
-    const auto messages = run.outcome.counters.sent;
+    const auto messages = run.asked.keeps_worst() ? 0 : run.outcome.counters.sent;
     if (messages > many || std::chrono::steady_clock::now() - begun > std::chrono::seconds(2))
-      terminal.does(fmt::format("reading run {}, {} of {}: {} messages", run.number, summaries.size() + 1,
-                                runs.size(), report::grouped(messages)));
+      terminal.does(fmt::format("reading run {}, {} of {}{}", run.number, summaries.size() + 1, runs.size(),
+                                messages > 0 ? fmt::format(": {} messages", report::grouped(messages)) : ""));
     summaries.push_back(statistics::summarise(reader, run));
   }
   return summaries;

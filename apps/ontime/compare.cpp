@@ -135,10 +135,10 @@ report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& 
     refuse_unlike("--from", arguments.from, pair.from);
     refuse_unlike("--to", arguments.to, pair.to);
     if (same_file && report::has_run_on_both_sides(pair))
-      throw Error(2,
-                  fmt::format("--from {} --to {}: both name the same runs, because a number stands for its "
-                              "repetitions too. Fix: choose runs with different conditions",
-                              arguments.from, arguments.to));
+      throw Error(
+          2, fmt::format("--from {} --to {}: both name the same runs: an id means all its runs, a number "
+                         "its repetitions too. Fix: choose runs with different conditions",
+                         arguments.from, arguments.to));
   }
   return comparison;
 }

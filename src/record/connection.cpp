@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <climits>
 #include <filesystem>
 #include <system_error>
 
@@ -15,6 +16,8 @@
 
 namespace ontime::record {
 namespace {
+
+constexpr int usual_steps = 1'000'000;
 
 // It may name what is in the file, in foreign letters.
 std::string message_of(sqlite3* handle) {
@@ -129,12 +132,21 @@ void Connection::open(int flags, bool immutable) {
   sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
   sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
-  sqlite3_progress_handler(handle, 1'000'000, look, this);
+  sqlite3_progress_handler(handle, usual_steps, look, this);
   run("PRAGMA cell_size_check = ON");
 }
 
-// Between two rows there are some dozens of SQLite's instructions.
+// Between two rows there are some dozens of SQLite's instructions. More than this: it never ends.
 int Connection::look(void* connection) { return ++static_cast<Connection*>(connection)->looks_ > 1 ? 1 : 0; }
+
+int Connection::try_on_all(const char* sql) {
+  constexpr std::int64_t steps_a_page = 4000;  // at most, with some dozens of a row
+  const auto steps = number("PRAGMA page_count") * steps_a_page + usual_steps;
+  sqlite3_progress_handler(handle(), static_cast<int>(std::min<std::int64_t>(steps, INT_MAX)), look, this);
+  const int code = try_run(sql);
+  sqlite3_progress_handler(handle(), usual_steps, look, this);
+  return code;
+}
 
 void Connection::run(const char* sql) {
   if (const int code = try_run(sql); code != SQLITE_OK) fail(code);

@@ -26,6 +26,7 @@ class Connection {
 
   void run(const char* sql);
   int try_run(const char* sql) noexcept;  // SQLite's code
+  int try_on_all(const char* sql);        // for what looks at each row: may take as long as the file is large
   std::int64_t number(const char* sql);   // the first column of the first row
   // Throw what SQLite's code means, that a value has not the expected type, or that what lies beside the file
   // is none, for people: here Error of a results file. Another kind of file has its own words.

@@ -192,9 +192,9 @@ void Database::forget_run(std::int64_t run) {
 
 // The log lies beside the file: it is copied when it is a sixteenth of all, and one trace adds little more.
 void Database::keep_worst(std::uint64_t bytes) {
-  // Else each message that goes looks at all notes of its run; so it does where a file has too many already.
+  // Else each message that goes looks at all notes of its run.
   connection_->run("COMMIT");
-  connection_->try_run("CREATE INDEX IF NOT EXISTS note_of_message ON note (run, message)");
+  connection_->try_on_all("CREATE INDEX IF NOT EXISTS note_of_message ON note (run, message)");
   connection_->run("BEGIN IMMEDIATE");
   const auto page_bytes = connection_->number("PRAGMA page_size");
   enough_log_pages_ = static_cast<int>(
@@ -207,7 +207,7 @@ void Database::keep_worst(std::uint64_t bytes) {
   // Of a greater bound the file may have more free pages than are allowed now. Where this fails, as on a full
   // disk or while another process reads, it stays as long as it was.
   connection_->run("COMMIT");
-  connection_->try_run("VACUUM");
+  connection_->try_on_all("VACUUM");
   connection_->try_run("PRAGMA wal_checkpoint(TRUNCATE)");
   connection_->run("BEGIN IMMEDIATE");
 }

@@ -2,6 +2,7 @@
 #include "record/worst.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -22,14 +23,16 @@ double badness(std::optional<std::int64_t> took_ns, std::optional<std::int64_t> 
 
 void delete_run(Connection& connection, std::int64_t run) {
   // In pieces: a statement that takes too many steps without a row counts as one that never ends.
-  Statement some(connection,
-                 "DELETE FROM sample WHERE run = ?1 AND message IN "
-                 "(SELECT message FROM sample WHERE run = ?1 LIMIT 32768)");
-  do some.bind(run).execute();
-  while (sqlite3_changes(connection.handle()) > 0);
-  for (const auto* sql : {"DELETE FROM note WHERE run = ?", "DELETE FROM trace WHERE run = ?",
-                          "DELETE FROM run WHERE number = ?"})
-    Statement(connection, sql).bind(run).execute();
+  for (const auto& [table, key] :
+       {std::pair("sample", "message"), std::pair("note", "number"), std::pair("trace", "message")}) {
+    Statement some(connection, fmt::format("DELETE FROM {0} WHERE run = ?1 AND {1} IN "
+                                           "(SELECT {1} FROM {0} WHERE run = ?1 LIMIT 32768)",
+                                           table, key)
+                                   .c_str());
+    do some.bind(run).execute();
+    while (sqlite3_changes(connection.handle()) > 0);
+  }
+  Statement(connection, "DELETE FROM run WHERE number = ?").bind(run).execute();
 }
 
 Worst::Worst(Connection& connection, std::uint64_t bytes)

@@ -2,7 +2,10 @@
 #include "report/answer_entries.hpp"
 
 #include <algorithm>
+#include <array>
+#include <map>
 #include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -107,8 +110,20 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     Group group;
     std::ranges::copy_if(all, std::back_inserter(group),
                          [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
-    // A search measures its steps in another order.
-    std::ranges::stable_sort(group, {}, [](const auto* run) { return run->run.asked.step.number; });
+    // A search measures its steps in another order. Each search stands where its first run does.
+    using Search = std::array<std::string, 3>;
+    const auto search_of = [](const Summary* run) {
+      const auto& asked = run->run.asked;
+      return asked.step.key.empty() ? Search{}
+                                    : Search{asked.task.transport, asked.step.key, asked.step.among};
+    };
+    std::map<Search, std::size_t> places;
+    for (const auto* run : group) places.try_emplace(search_of(run), places.size());
+    const auto place_of = [&](const Summary* run) {
+      return std::pair(places.at(search_of(run)), run->run.asked.step.number);
+    };
+    std::stable_sort(group.begin(), group.end(),
+                     [&](const auto* a, const auto* b) { return place_of(a) < place_of(b); });
     for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;

@@ -64,7 +64,7 @@ int port_of(int socket) {
 // Of the vendor's shared memory, the port that this address lies in; 0: in none. What receives there sleeps
 // in it.
 int shared_memory_port_of(std::uint64_t address) {
-  constexpr std::string_view named[] = {"/fastrtps_port", "/fastdds_port"};  // of 2, and of 3
+  constexpr std::string_view named = "/fastrtps_port";
   std::ifstream maps("/proc/self/maps");
   for (std::string line; std::getline(maps, line);) {
     std::istringstream in(line);
@@ -72,9 +72,8 @@ int shared_memory_port_of(std::uint64_t address) {
     char dash = 0;
     if (!(in >> std::hex >> from >> dash >> to) || address < from || address >= to) continue;
     int port = 0;
-    for (const auto& name : named)
-      if (const auto at = line.find(name); at != line.npos)
-        std::from_chars(line.data() + at + name.size(), line.data() + line.size(), port);
+    if (const auto at = line.find(named); at != line.npos)
+      std::from_chars(line.data() + at + named.size(), line.data() + line.size(), port);
     return port;
   }
   return 0;
@@ -122,16 +121,17 @@ std::vector<std::string> roles_by_order(std::size_t threads, int domain) {
   return roles;
 }
 
-// 2.14 and 3 name theirs: "dds.udp.7411", "dds.shm.7411", "dds.ev.0", "dds.shm.wdog", "dds.asyn.0.0" and
-// others.
+// 2.14 and 3 name theirs: "dds.udp.7411", "dds.shm.7411", "dds.tcp.…", "dds.dsha.…" (data sharing),
+// "dds.ev.0", "dds.shm.wdog", "dds.asyn.0.0" and others.
 std::optional<Thread> by_its_name(pid_t tid, int domain) {
   const std::string name = name_of(tid);
   if (!name.starts_with("dds.")) return {};
   int port = 0;
-  for (const std::string_view receives : {"dds.udp.", "dds.shm."})
+  for (const std::string_view receives : {"dds.udp.", "dds.shm.", "dds.tcp."})
     if (name.starts_with(receives))
       std::from_chars(name.data() + receives.size(), name.data() + name.size(), port);
   if (port != 0) return Thread{tid, role_of_port(port, domain), name};
+  if (name.starts_with("dds.dsha.")) return Thread{tid, "receive", name};
   if (name.starts_with("dds.ev.") || name == "dds.shm.wdog") return Thread{tid, "timer", name};
   return Thread{tid, name.starts_with("dds.asyn.") ? "resend" : "other", name};
 }
@@ -160,7 +160,7 @@ std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
     const std::size_t place = found.size();
     const bool before_receivers = std::ranges::none_of(
         found, [](const Thread& thread) { return thread.role == "receive" || thread.role == "discovery"; });
-    const auto call = sleeps_in(tid, until_ns);
+    const auto call = sleeps_in(tid, until_ns);  // by then it has named itself
     if (auto named = by_its_name(tid, domain)) {
       found.push_back(*std::move(named));
       continue;

@@ -2,6 +2,7 @@
 // Fast DDS 2 and 3, where they name or declare the same thing differently.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <string>
