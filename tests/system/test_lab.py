@@ -442,8 +442,7 @@ class Machines(Lab):
             self.assertEqual([run["id"] for run in runs], ["a", "b"][:number])
             self.assertEqual([(run["sent"], run["interrupted"]) for run in runs], [(50, False)] * number)
             if code == 130:
-                said = process.stderr.read()
-                self.assertIn("--resume", said)
+                self.assertIn("--resume", process.stdout.read())
         subprocess.run([ONTIME, "tune", "revert"], env=self.environment, timeout=120)  # what was killed left its folder
         self.measured("results.ontime", scenario, "--resume")
         self.assertEqual([(run["id"], run["sent"]) for run in self.report(self.results())], [("a", 50), ("b", 50), ("c", 50)])
