@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
-#include <set>
+#include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -11,32 +12,38 @@ namespace ontime::explain {
 using roundtrip::Sample;
 
 Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
+  struct Seen {
+    trace::Span span;
+    bool whole;
+  };
   auto runs = kept.runs();
-  std::set<std::uint64_t> traced;
-  for (const auto& one : runs)
-    kept.each_trace(one.number,
-                    [&](const record::Trace& trace) { traced.insert(trace.window.span.message); });
-  std::map<std::uint64_t, std::int64_t> received_ns;  // by message, of those that are traced
+  std::vector<std::vector<Seen>> seen(runs.size());   // pong's traces of each run, without their events
+  std::map<std::uint64_t, std::int64_t> received_ns;  // by message, of those that have one; 0: unknown
+  for (std::size_t i = 0; i < runs.size(); ++i)
+    kept.each_trace(runs[i].number, [&](const record::Trace& trace) {
+      if (trace.host != "component") return;
+      seen[i].push_back({trace.window.span, trace.window.whole});
+      received_ns.try_emplace(trace.window.span.message, 0);
+    });
   reader.each_sample(run.number, [&](const Sample& sample) {
-    if (sample.server_received_ns != 0 && traced.contains(sample.index))
-      received_ns[sample.index] = sample.server_received_ns;
+    const auto at = received_ns.find(sample.index);
+    if (at != received_ns.end() && sample.server_received_ns != 0) at->second = sample.server_received_ns;
   });
   std::size_t most = 0;
-  for (auto& one : runs) {
+  for (std::size_t i = 0; i < runs.size(); ++i) {
     std::size_t fit = 0;
     bool is_anothers = false;
-    kept.each_trace(one.number, [&](const record::Trace& trace) {
-      const auto& [span, whole, events] = trace.window;
-      const auto at = received_ns.find(span.message);
-      if (trace.host != "component" || at == received_ns.end()) return;
-      const bool may_be_cut_off = !whole && span.to_ns < at->second;
-      const bool fits = span.from_ns <= at->second && at->second <= span.to_ns;
+    for (const auto& [span, whole] : seen[i]) {
+      const auto at_ns = received_ns.at(span.message);
+      if (at_ns == 0) continue;
+      const bool may_be_cut_off = !whole && span.to_ns < at_ns;
+      const bool fits = span.from_ns <= at_ns && at_ns <= span.to_ns;
       fit += fits ? 1 : 0;
       is_anothers = is_anothers || (!fits && !may_be_cut_off);
-    });
+    }
     if (is_anothers || fit <= most) continue;
     most = fit;
-    run_ = std::move(one);
+    run_ = std::move(runs[i]);
   }
   if (most == 0)
     throw record::WrongFile(fmt::format(
