@@ -61,7 +61,7 @@ bool ends(Kind kind) {
   return kind == Kind::interrupt_end || kind == Kind::soft_interrupt_end || kind == Kind::timer_end;
 }
 
-bool is_timers(const Event& event) {
+bool is_of_timer(const Event& event) {
   return event.kind == Kind::timer ||
          (event.kind == Kind::interrupt && event.what.find("timer") != std::string::npos);
 }
@@ -74,7 +74,7 @@ std::int64_t tick_of(const std::vector<Event>& events) {
   std::map<std::int64_t, int> seen;
   std::map<int, std::int64_t> last;  // by CPU
   for (const auto& event : events) {
-    if (!is_timers(event)) continue;
+    if (!is_of_timer(event)) continue;
     const auto [before, is_first] = last.try_emplace(event.cpu, event.at_ns);
     const auto gap_ns = event.at_ns - before->second;
     before->second = event.at_ns;
@@ -91,7 +91,7 @@ Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
     : begin_ns_(window.span.from_ns + later_ns),
       events_(window.events),
       tick_ns_(tick_of(events_)),
-      sees_timers_(std::ranges::any_of(events_, is_timers)) {
+      sees_timers_(std::ranges::any_of(events_, is_of_timer)) {
   for (auto& event : events_) event.at_ns += later_ns;
   scheduling_ = scheduling_of(events_, begin_ns_);
   find_interrupts();

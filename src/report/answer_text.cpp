@@ -19,7 +19,6 @@ using nlohmann::ordered_json;
 using Row = Answer::Row;
 using State = Answer::State;
 
-constexpr std::size_t most_cautions = 3;
 constexpr std::size_t few_lines = 2, most_lines = 6;  // of a caution
 
 std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {

@@ -22,7 +22,7 @@ using statistics::Verdict;
 using Pair = Comparison::Pair;
 using Runs = Comparison::Runs;
 
-struct Row {
+struct Quantity {
   Times times;
   Figure figure;
   bool is_share() const { return statistics::metric_of(figure).is_share; }
@@ -33,13 +33,13 @@ struct Row {
     return (times == Times::response ? "response_us." : "round_trip_us.") + name;
   }
 };
-constexpr Row rows[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
-                        {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
-                        {Times::round_trip, Figure::p99_9}, {Times::round_trip, Figure::p99_99},
-                        {Times::round_trip, Figure::max},   {Times::response, Figure::p99},
-                        {Times::response, Figure::p99_9},   {Times::response, Figure::max},
-                        {Times::round_trip, Figure::late},  {Times::response, Figure::late},
-                        {Times::round_trip, Figure::lost}};
+constexpr Quantity rows[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
+                             {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
+                             {Times::round_trip, Figure::p99_9}, {Times::round_trip, Figure::p99_99},
+                             {Times::round_trip, Figure::max},   {Times::response, Figure::p99},
+                             {Times::response, Figure::p99_9},   {Times::response, Figure::max},
+                             {Times::round_trip, Figure::late},  {Times::response, Figure::late},
+                             {Times::round_trip, Figure::lost}};
 
 const char* word_of(Verdict verdict) {
   return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
@@ -53,7 +53,7 @@ const char* word_of(const statistics::Change& change) {
 
 // --- for people ---
 
-std::string value_of(const Row& row, double value) {
+std::string value_of(const Quantity& row, double value) {
   return row.is_share() ? fmt::format("{:.4g}", value * 100) : microseconds(value);
 }
 
@@ -66,7 +66,7 @@ std::string in_percent(double ratio) {
 }
 
 // "-3 % … +12 %"; of what has no ratio the difference itself.
-std::string lies(const Row& row, const statistics::Change& change) {
+std::string lies(const Quantity& row, const statistics::Change& change) {
   const auto ends = [](const auto& low, const auto& high, auto text) {
     if (!low && !high) return std::string(nothing);
     return fmt::format("{} … {}", low ? text(*low) : "", high ? text(*high) : "");
@@ -79,7 +79,7 @@ std::string lies(const Row& row, const statistics::Change& change) {
 bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
 
 // A percentile that needs more messages than one of the runs has.
-bool is_beyond(const Pair& pair, const Row& row) {
+bool is_beyond(const Pair& pair, const Quantity& row) {
   return statistics::metric_of(row.figure).one_in > 0 && change_of(pair, row.times, Figure::mean).has_value();
 }
 

@@ -21,7 +21,7 @@ using statistics::Times;
 using statistics::Verdict;
 using Pair = Comparison::Pair;
 
-constexpr std::size_t most_pairs = 9, most_cautions = 3, lines_of_differences = 3;
+constexpr std::size_t most_pairs = 9, lines_of_differences = 3;
 constexpr const char* one_run = "single runs do not show how starts vary. Fix: repeat: 5";
 
 // How a pair counts misses, the most telling way first. A side without cycles counts late messages; a side

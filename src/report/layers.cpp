@@ -24,7 +24,7 @@ using statistics::Summary;
 constexpr double bar_width = 24;
 
 std::string microseconds_of(double ns) { return fmt::format("{:.1f}", ns / 1e3); }
-std::string whole(double count) { return fmt::format("{:.0f}", count); }
+std::string in_whole(double count) { return fmt::format("{:.0f}", count); }
 
 using Form = std::string (*)(double);
 
@@ -167,9 +167,9 @@ Page layers_page_of(const Summaries& summaries) {
                           bar(layer, longest_ns), median(layer.cpu_ns.total, microseconds_of),
                           with_interval(layer.cpu_ns.added, microseconds_of, each)});
     if (counted)
-      table.rows.back().insert(
-          table.rows.back().end(),
-          {median(layer.instructions.total, whole), with_interval(layer.instructions.added, whole, each)});
+      table.rows.back().insert(table.rows.back().end(),
+                               {median(layer.instructions.total, in_whole),
+                                with_interval(layer.instructions.added, in_whole, each)});
     if (!layer.no_base.empty()) table.notes.push_back(name + ": no baseline: " + layer.no_base);
   }
   if (!counted) table.notes.push_back(instructions_note(layers));

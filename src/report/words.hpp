@@ -20,6 +20,7 @@
 namespace ontime::report {
 
 inline constexpr const char* nothing = "-";
+inline constexpr std::size_t most_cautions = 3;  // of the first screen
 
 using record::at;
 using table::as_csv;
