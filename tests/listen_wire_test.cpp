@@ -166,6 +166,54 @@ TEST_F(OnTheWire, LateRowIsMarkedIfItsMessageHadALossRow) {
   EXPECT_THAT(back, testing::ElementsAre(std::pair(9U, false), std::pair(19U, false), std::pair(19U, true)));
 }
 
+struct LossRows : OnTheWire {
+  LossRows() {
+    wire.keep_rows([this](const Row& row) {
+      if (row.quantity == Row::Quantity::age && row.to_ns == 0) lost.emplace_back(row.index, row.from_ns);
+    });
+  }
+  // The message of this number, which its writer published after so many seconds.
+  void seen(unsigned number, unsigned at_s) {
+    arrive(Rtps().stamp(1000 + at_s, 0).data(number), "127.0.0.1:7411", true);
+  }
+  static std::int64_t after(double seconds) { return static_cast<std::int64_t>((1000 + seconds) * 1e9); }
+  std::vector<std::pair<std::uint64_t, std::int64_t>> lost;  // index, and when it was published
+};
+
+TEST_F(LossRows, LostMessageHasTheTimeBetweenItsNeighbours) {
+  for (unsigned number = 1; number <= 200; ++number)
+    if (number != 50 && number != 60 && number != 61) seen(number, number / 10);
+  // From 49 to 51 its writer took 1 s, from 59 to 62 as well.
+  EXPECT_THAT(lost, testing::ElementsAre(std::pair(49U, after(4.5)), std::pair(59U, after(5) + 333'333'333),
+                                         std::pair(60U, after(5) + 666'666'666)));
+}
+
+TEST_F(LossRows, LossIsDecidedAfterTenSecondsAtTheLatest) {
+  for (unsigned number = 1; number <= 20; ++number)
+    if (number != 5) seen(number, number);
+  EXPECT_THAT(lost, testing::ElementsAre(std::pair(4U, after(5))));
+}
+
+TEST_F(LossRows, EndOfTheSourceDecidesEachLossOnce) {
+  for (unsigned number = 1; number <= 100; ++number)
+    if (number != 97) seen(number, 2);
+  arrive(Rtps().heartbeat(1, 101), "127.0.0.1:7411", true);
+  EXPECT_TRUE(lost.empty());
+  wire.end();
+  wire.end();
+  EXPECT_EQ(lost.size(), 2U);
+  EXPECT_EQ(flow().lost, 2U);
+}
+
+TEST_F(LossRows, LossesBeforeDropsOfTheCaptureHaveRows) {
+  for (unsigned number = 1; number <= 20; ++number)
+    if (number != 18) seen(number, 2);
+  wire.interrupt();
+  seen(40, 3);
+  EXPECT_THAT(lost, testing::ElementsAre(std::pair(17U, after(2))));
+  EXPECT_EQ(flow().lost, 1U);
+}
+
 TEST_F(OnTheWire, CopyOnAnotherInterfaceIsNoDuplicate) {
   const auto rtps = Rtps().data(1);
   for (const std::uint32_t interface : {2U, 3U, 3U})

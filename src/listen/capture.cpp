@@ -40,6 +40,7 @@ class Capture final : public Sensor {
       if (count > 0) continue;
       if (!is_live_) {
         if (count < 0) damage_ = pcap_geterr(handle_.get());
+        wire_.end();
         return false;
       }
       if (count < 0) throw Error(fmt::format("listen: the capture failed: {}", pcap_geterr(handle_.get())));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <numeric>
 #include <set>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -15,6 +16,9 @@ constexpr std::uint32_t most_fragments = 1 << 16;
 constexpr std::size_t most_partial = 64, most_partial_fragments = std::size_t{4} * most_fragments;
 // A writer that leaves out more numbers than this began anew, or is not one.
 constexpr std::uint64_t longest_leap = 1 << 20;
+// So much later no GAP tells any more that a number was never sent.
+constexpr std::uint64_t doubtful = 64;
+constexpr std::int64_t doubtful_ns = 10'000'000'000;
 
 }  // namespace
 
@@ -101,6 +105,7 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
   if (stream == nullptr || (data.fragments && !completes(*stream, data))) return;
   if (stream->is_broken ||
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
+    keep_all_losses(*stream);
     stream->sequence.restart();
     for (auto& [way, sequence] : stream->ways) sequence.restart();
     stream->rows.restart();
@@ -150,21 +155,53 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     stream.rows.age(keep_row_,
                     {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
                     data.sequence, [](std::uint64_t) { return std::int64_t{0}; });
-    keep_losses(stream, at_ns, data.sequence);
+    if (stream.is_broken) stream.last_stamped = 0;
+    if (stream.last_stamped > 0 && data.sequence > stream.last_stamped + 1)
+      stream.holes.push_back(
+          {stream.last_stamped + 1, data.sequence - 1, stream.last_stamp_ns, *data.stamp_ns});
+    if (data.sequence > stream.last_stamped) {
+      stream.last_stamped = data.sequence;
+      stream.last_stamp_ns = *data.stamp_ns;
+    }
+    keep_losses(stream, [&](const Hole& hole) {
+      return hole.last + doubtful < data.sequence || hole.after_ns + doubtful_ns <= *data.stamp_ns;
+    });
   }
   stream.late += is_late ? 1 : 0;
   if (stream.is_one_host) stream.age_unknown = stream.age_unknown.value_or(0) + (data.stamp_ns ? 0 : 1);
 }
 
-// A later GAP may still tell that earlier numbers were never sent.
-void Wire::keep_losses(Stream& stream, std::int64_t at_ns, std::uint64_t number) {
-  constexpr std::uint64_t doubtful = 64;
-  if (number < doubtful) return;
-  const auto until = number - doubtful;
-  stream.decided = std::max(stream.decided, until > Sequence::window / 2 ? until - Sequence::window / 2 : 0);
-  for (; stream.decided < until; ++stream.decided)
-    if (stream.sequence.is_missing(stream.decided))
-      stream.rows.lost(keep_row_, stream.id, stream.decided, at_ns);
+// A lost message has no stamp: its writer is taken to have published evenly. Of a large hole only the latest
+// have rows.
+template <class IsDecided>
+void Wire::keep_losses(Stream& stream, IsDecided is_decided) {
+  constexpr auto most = Sequence::window / 2;
+  auto& holes = stream.holes;
+  for (; !holes.empty() && is_decided(holes.front()); holes.pop_front()) {
+    const auto [first, last, before_ns, after_ns] = holes.front();
+    const auto every_ns = (after_ns - before_ns) / static_cast<std::int64_t>(last - first + 2);
+    const auto next = stream.sequence.next();
+    for (auto number = std::max(first, next - std::min(next, most)); number <= last; ++number)
+      if (stream.sequence.is_missing(number))
+        stream.rows.lost(keep_row_, stream.id, number,
+                         before_ns + every_ns * static_cast<std::int64_t>(number - first + 1));
+  }
+}
+
+void Wire::keep_all_losses(Stream& stream) {
+  keep_losses(stream, [](const Hole&) { return true; });
+}
+
+void Wire::end() {
+  for (auto& [guid, stream] : streams_) {
+    // A heartbeat may have announced more: published after the last one, nothing tells how much later.
+    const auto last = std::max<std::uint64_t>(stream.sequence.next(), 1) - 1;
+    if (!stream.is_broken && stream.last_stamped > 0 && last > stream.last_stamped) {
+      const auto first = std::exchange(stream.last_stamped, last) + 1;
+      stream.holes.push_back({first, last, stream.last_stamp_ns, stream.last_stamp_ns});
+    }
+    keep_all_losses(stream);
+  }
 }
 
 std::string Wire::topic_of(const rtps::Guid& writer) const {

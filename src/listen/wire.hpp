@@ -30,6 +30,8 @@ class Wire {
   void name_topic(const rtps::Guid& writer, const std::string& dds_topic);
   // Packets before the next one are missing: no loss and no period is counted across the gap.
   void interrupt();
+  // No packet follows: what is missing now is lost, and has its row.
+  void end();
   Findings findings() const;
   void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
   std::vector<Miss> take_misses() { return misses_.take(); }
@@ -41,9 +43,15 @@ class Wire {
     std::uint32_t count = 0;
   };
   using Way = std::tuple<std::string, std::string, std::uint32_t>;  // destination, source, interface
-  struct Stream : Flow {                                            // of a writer
+  struct Hole {  // numbers without a message, between the stamps of two messages
+    std::uint64_t first, last;
+    std::int64_t before_ns, after_ns;
+  };
+  struct Stream : Flow {  // of a writer
     Rows rows;
-    std::uint64_t decided = 0;  // the losses of lower numbers are decided
+    std::deque<Hole> holes;  // whose losses have no rows yet: it is not decided which of them are lost
+    std::uint64_t last_stamped = 0;  // the largest number of a message with an age, and its stamp
+    std::int64_t last_stamp_ns = 0;
     bool is_broken = false;
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the largest number of a message that arrived
@@ -55,7 +63,10 @@ class Wire {
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
-  void keep_losses(Stream&, std::int64_t at_ns, std::uint64_t number);
+  // Of those holes for which is_decided() is true, the oldest first.
+  template <class IsDecided>
+  void keep_losses(Stream&, IsDecided);
+  void keep_all_losses(Stream&);
   void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&, const Stream&);
   std::string topic_of(const rtps::Guid&) const;
 
