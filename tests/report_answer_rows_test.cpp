@@ -123,7 +123,7 @@ TEST(Answer, LateAndLostMessagesThatAreKnownApartAreSaidSo) {
 
 TEST(Answer, RobotsOwnMessagesAreNotCalledCycles) {
   auto scan = run(1, "/scan period", "", {}), odom = run(2, "/odom period", "", {}, 3);
-  for (auto* one : {&scan, &odom}) amend(one->run.asked, {{"measures", "period"}, {"deadline_us", 5000}});
+  for (auto* one : {&scan, &odom}) amend(one->run.asked, {{"measures", "age"}, {"deadline_us", 5000}});
   amend(odom.run.outcome, "/interrupted", true);
   EXPECT_EQ(answer_of({scan, odom}, kept).sentence,
             "No message was late or lost. 1 of 2 rows was not measured as requested: 3 of its 2,000 messages "

@@ -176,6 +176,10 @@ TEST(Summary, ListenedRunHasNoProbabilityForUnknownFates) {
   EXPECT_EQ(loss_alone.lost_probability.messages, 50U);
   EXPECT_EQ(neither.missed_probability.messages, 0U);
   EXPECT_FALSE(statistics::measured(neither, Times::round_trip, Figure::lost));
+  // No period tells what was lost, and a run that was cut off has no outcome that says so.
+  const auto cut_off = summary_of(samples, {{"measures", "period"}, {"deadline_us", 5}});
+  EXPECT_EQ(cut_off.late_probability.messages, 50U);
+  EXPECT_EQ(cut_off.lost_probability.messages, 0U);
 }
 
 TEST(Summary, SamplesThatWereRemovedLaterAreNotRecorded) {

@@ -82,6 +82,19 @@ TEST_F(Forms, WorstOfOwnMessagesIsNamedByItsQuantity) {
   EXPECT_THAT(text_of(one), Not(HasSubstr("round trip")));
 }
 
+TEST_F(Forms, MetricsHaveOnlyKnownFatesOfOwnMessages) {
+  auto one = progress();
+  auto request = asked();
+  request.update({{"measures", "period"}, {"deadline_us", 15'000}});
+  one.run.asked = request;
+  EXPECT_THAT(metrics_of(one), HasSubstr("fate=\"late\"} 1\n"));
+  for (const std::string unknown : {"on_time", "lost"})
+    EXPECT_THAT(metrics_of(one), Not(HasSubstr("fate=\"" + unknown)));
+  request["deadline_us"] = nullptr;
+  one.run.asked = request;
+  EXPECT_THAT(metrics_of(one), Not(HasSubstr("fate=")));
+}
+
 TEST_F(Forms, JsonIsOneLine) {
   const auto line = json_of(progress());
   EXPECT_EQ(line.find('\n'), line.size() - 1);

@@ -152,7 +152,10 @@ std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 inline bool knows_late(const record::Run& run) {
   return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
 }
-inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
+inline bool knows_loss(const record::Run& run) {
+  // No period tells it. Without an outcome, as while a run goes on, the record does not say so.
+  return !run.outcome.loss_unknown && !(run.asked.is_listened() && run.asked.measures == "period");
+}
 
 // Messages, cycles without one, and cycles without an answer in time. Where samples are missing: at least
 // what the client counted.

@@ -211,10 +211,13 @@ std::string metrics_of(const Progress& progress) {
   };
   const auto in_s = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
   text.begin("messages_total", "counter", "Messages of the newest run, by outcome.");
-  // A counter never falls.
-  const std::pair<const char*, std::uint64_t> fates[] = {
-      {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
-  for (const auto& [fate, count] : fates) text.add(run + "," + labels({{"fate", fate}}), count);
+  const auto add_fate = [&](const char* fate, bool is_known, std::uint64_t count) {
+    if (is_known) text.add(run + "," + labels({{"fate", fate}}), count);
+  };
+  const bool late = statistics::knows_late(progress.run), lost = statistics::knows_loss(progress.run);
+  add_fate("on_time", late && lost, progress.on_time);
+  add_fate("late", late, progress.late);
+  add_fate("lost", lost, progress.lost_for_good);  // a counter never falls
   add("skipped_cycles_total", "counter", "Cycles that passed without a message.", progress.skipped_cycles);
   if (progress.elapsed_s)
     add("elapsed_seconds", "gauge", "From the first message to the newest.", *progress.elapsed_s);
