@@ -77,6 +77,12 @@ TEST(Answer, WhatHasNoLimitIsNeitherOnTimeNorLate) {
   EXPECT_THAT(answer.sentence, AllOf(HasSubstr("No limit is set"), HasSubstr("Lost messages are unknown")));
   EXPECT_THAT(text_of(answer, 80), HasSubstr("no limit"));
   EXPECT_TRUE(json_of(answer).at("rows").at(0).at("not_in_time").is_null());
+  auto interrupted = one;
+  amend(interrupted.run.outcome, "/interrupted", true);
+  answer = answer_of({interrupted}, kept);
+  EXPECT_THAT(answer.sentence, HasSubstr("No limit is set"));
+  EXPECT_TRUE(json_of(answer).at("rows").at(0).at("not_in_time").is_null());
+  EXPECT_THAT(text_of(answer, 80), testing::ContainsRegex("idle +- "));
   auto late = one;
   late.run.number = 2;
   amend(late.run.asked, {{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}});

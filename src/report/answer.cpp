@@ -39,7 +39,7 @@ bool has_no_sample(const Summary* run) { return run->sent == 0 && run->run.outco
 std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant)(State)) {
   std::vector<Class> classes;
   for (const auto& entry : entries) {
-    if (!is_meant(entry.row.state) || entry.row.cycles == 0) continue;
+    if (!is_meant(entry.row.state) || entry.row.cycles == 0 || !entry.row.knows_missed) continue;
     if (std::ranges::all_of(entry.runs, has_no_sample)) continue;
     const auto regime = regime_of(*entry.runs.front());
     auto same = std::ranges::find(classes, regime, &Class::regime);
@@ -321,8 +321,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   }
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
-    const bool lacks_limit =
-        std::ranges::any_of(answer.rows, [](const Row& row) { return row.state == State::no_limit; });
+    const bool lacks_limit = std::ranges::any_of(
+        answer.rows, [](const Row& row) { return row.state != State::imported && !row.knows_missed; });
     const bool has_open = std::ranges::any_of(answer.rows, &Row::open_requirement);
     CountedApart counted;
     for (const auto& entry : entries) counted.add(entry);

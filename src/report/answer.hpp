@@ -41,6 +41,7 @@ struct Answer {
     State state = State::imported;
     bool missed_requirement = false, open_requirement = false;  // of a repetition
     std::uint64_t cycles = 0, missed = 0;                       // all; those without an answer in time
+    bool knows_missed = false;                                  // else nothing tells which were late or lost
     // The longest that a cycle waited for its answer. `is_open`: no answer ended it.
     std::optional<double> worst_wait_ns;
     bool is_open = false;

@@ -17,6 +17,11 @@
 namespace ontime::report {
 namespace {
 
+// Of a robot's own messages, nothing may tell which were late or lost.
+bool knows_missed(const record::Run& run) {
+  return statistics::knows_late(run) || statistics::knows_loss(run);
+}
+
 using gate::Flaw;
 using statistics::Figure;
 using statistics::Summary;
@@ -60,6 +65,7 @@ Row row_of(const Group& runs, const std::string& name) {
     row.missed_requirement = row.missed_requirement || has_note(*run, gate::missed_note);
     row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
     if (run->imported) continue;
+    row.knows_missed = row.knows_missed || knows_missed(run->run);
     const auto fates = statistics::fates_of(*run);
     row.cycles += fates.sent + fates.skipped;
     row.missed += fates.not_in_time;
@@ -214,7 +220,6 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
 
 State state_of(const Summary& run) {
   const bool is_late = statistics::fates_of(run).not_in_time > 0;
-  const bool can_be_late = statistics::knows_late(run.run) || statistics::knows_loss(run.run);
   switch (gate::flaw_of(run)) {
     case Flaw::imported:
       return State::imported;
@@ -224,7 +229,7 @@ State state_of(const Summary& run) {
       return State::cut_off;
     case Flaw::worst_only:  // its counts are of all messages
     case Flaw::none:
-      return is_late ? State::late : can_be_late ? State::ok : State::no_limit;
+      return is_late ? State::late : knows_missed(run.run) ? State::ok : State::no_limit;
     default:
       break;
   }

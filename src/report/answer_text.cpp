@@ -29,7 +29,7 @@ std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
 }
 
 std::string missed_of(const Row& row, bool with_cycles) {
-  if (row.state <= State::no_limit) return nothing;
+  if (!row.knows_missed) return nothing;
   auto text = with_cycles ? fmt::format("{}/{}", row.missed, row.cycles) : grouped(row.missed);
   if (row.missed == 0) return text;
   return fmt::format("{} ({} %)", text, percent(share_of(row)));
@@ -230,7 +230,7 @@ ordered_json json_of(const Answer& answer) {
                                     : row.open_requirement ? ordered_json("open")
                                                            : ordered_json()},
                     {"cycles", row.cycles},
-                    {"not_in_time", row.state <= State::no_limit ? ordered_json() : ordered_json(row.missed)},
+                    {"not_in_time", row.knows_missed ? ordered_json(row.missed) : ordered_json()},
                     {"worst_wait_ms", ms(row.worst_wait_ns)},
                     {"worst_wait_is_open", row.is_open},
                     {"p50_ms", json_of(row.p50)},
