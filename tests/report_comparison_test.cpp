@@ -381,7 +381,7 @@ TEST(Compare, ARunThatAnsweredNothingIsNamed) {
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
   b[1].round_trip = {};
   const auto text = render(compare(a, b), {}, Format::table);
-  EXPECT_THAT(text, HasSubstr("left out except for late and lost: x udp (run 7) of B"));
+  EXPECT_THAT(text, HasSubstr("left out of round trips: x udp (run 7) of B"));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
 }
 

@@ -159,8 +159,7 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
       if (gate::lacks_samples(gate::flaw_of(*run)))
         table.notes.push_back(fmt::format("left out: {}: {}", name, gate::unfit(*run)));
       else if (run->round_trip.count == 0)
-        table.notes.push_back(
-            fmt::format("left out except for late and lost: {}: no message was answered", name));
+        table.notes.push_back(fmt::format("left out of round trips: {}: no message was answered", name));
     }
   for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
   if (const auto text = list_of(other_differences(comparison, pair)); !text.empty())
