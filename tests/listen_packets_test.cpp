@@ -1,10 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Frames and datagrams of any length and form.
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <pcap/dlt.h>
 
 #include "listen/listen.hpp"
 #include "listen/packets.hpp"
+#include "listen/rows.hpp"
 #include "listen_rtps.hpp"
 
 namespace ontime::listen {
@@ -181,6 +189,57 @@ TEST(Frames, SendingHalfOnLoopbackIsLeftOut) {
 }
 
 TEST(Frames, UnknownLinkTypeIsRefused) { EXPECT_THROW(Packets(DLT_IEEE802_11), Error); }
+
+// A file of libpcap with times in nanoseconds, in which a message was captured at each of these.
+std::string capture_of(const std::vector<std::int64_t>& times_ns) {
+  Bytes file;
+  add_little(file, 0xa1b23c4d, 4);
+  add(file, {2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 0, 0, DLT_EN10MB, 0, 0, 0});
+  for (std::size_t i = 0; i < times_ns.size(); ++i) {
+    const auto frame = frame_of(Rtps().data(i + 1).bytes, 0, 1500, false);
+    add_little(file, static_cast<std::uint64_t>(times_ns[i]) / 1'000'000'000, 4);
+    add_little(file, static_cast<std::uint64_t>(times_ns[i]) % 1'000'000'000, 4);
+    for (int length = 0; length < 2; ++length) add_little(file, frame.size(), 4);
+    file.insert(file.end(), frame.begin(), frame.end());
+  }
+  auto path = testing::TempDir() + "ontime-capture.pcap";
+  std::ofstream(path, std::ios::binary)
+      .write(reinterpret_cast<const char*>(file.data()), static_cast<std::streamsize>(file.size()));
+  return path;
+}
+
+TEST(CaptureFile, NoPeriodGoesAcrossAStepBackOfItsClock) {
+  constexpr std::int64_t begin_ns = 1'700'000'000'000'000'000, period_ns = 10'000'000,
+                         hour_ns = 3'600'000'000'000;
+  std::vector<std::int64_t> times_ns;
+  for (int i = 0; i < 20; ++i) times_ns.push_back(begin_ns + i * period_ns - (i < 10 ? 0 : hour_ns));
+  std::swap(times_ns[3], times_ns[4]);  // of two interfaces
+  const auto path = capture_of(times_ns);
+  const auto sensor = in_pcap_file(path, {});
+  while (sensor->listen_for(std::chrono::milliseconds(1))) continue;
+  const auto findings = sensor->findings();
+  std::filesystem::remove(path);
+  ASSERT_EQ(findings.flows.size(), 1U);
+  EXPECT_EQ(findings.flows[0].messages, 20U);
+  EXPECT_EQ(findings.flows[0].period.count(), 18U);
+  EXPECT_THAT(findings.remarks, testing::Contains(testing::HasSubstr("the clock was set")));
+}
+
+TEST(ClockSteps, StepIsToldFromSlewing) {
+  constexpr std::int64_t second_ns = 1'000'000'000;
+  ClockSteps clock;
+  EXPECT_EQ(clock.look(5 * second_ns, second_ns), 0);
+  EXPECT_EQ(clock.look(5 * second_ns + 9'000'000, 11 * second_ns), 0) << "0.9 ms in each second";
+  EXPECT_EQ(clock.look(8 * second_ns + 9'000'000, 12 * second_ns), 3 * second_ns);
+  EXPECT_EQ(clock.look(8 * second_ns + 9'000'000, 13 * second_ns), 0);
+  int exact = 0;
+  const auto exactly = [&] { return 8 * second_ns + ++exact; };
+  EXPECT_EQ(clock.look(8 * second_ns + 9'500'000, 13 * second_ns + 5, exactly), 0);
+  EXPECT_EQ(exact, 0);
+  EXPECT_EQ(clock.look(8 * second_ns, 13 * second_ns + 10, exactly), -8'999'999);
+  EXPECT_EQ(clock.look(8 * second_ns, 15 * second_ns, exactly), 0);
+  EXPECT_EQ(exact, 2) << "each second, so that slewing adds up to no step";
+}
 
 }  // namespace
 }  // namespace ontime::listen

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <thread>
+#include <utility>
 
 #include <fmt/format.h>
 #include <pcap/pcap.h>
@@ -9,6 +10,7 @@
 #include "listen/listen.hpp"
 #include "listen/packets.hpp"
 #include "listen/wire.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -34,8 +36,11 @@ class Capture final : public Sensor {
   bool listen_for(std::chrono::milliseconds most) override {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
-      if (is_live_) note_drops();
       const std::chrono::nanoseconds from = std::chrono::system_clock::now().time_since_epoch();
+      if (is_live_) {
+        note_drops();
+        follow_clock(from);
+      }
       const int count = pcap_dispatch(handle_.get(), most_packets, take, reinterpret_cast<u_char*>(this));
       if (count > 0) continue;
       if (!is_live_) {
@@ -54,8 +59,9 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
-    judge_silence(findings.flows, limits_,
-                  is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
+    judge_silence(findings.flows, limits_, is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_,
+                  clock_set_ns_);
+    clock_.remark(findings.remarks, "Periods and losses");
     if (!damage_.empty())
       findings.remarks.push_back(
           fmt::format("the capture cannot be read to its end: {}. ontime judges the part before", damage_));
@@ -73,12 +79,32 @@ class Capture final : public Sensor {
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
     capture.origin_.begin(at_ns);
-    capture.latest_ns_ = at_ns;
+    capture.note_time(at_ns);
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
     if (!datagram) return;
     if (capture.is_in_doubt_) capture.wire_.interrupt();
     capture.wire_.add(at_ns, *datagram);
+  }
+
+  // Packets of several interfaces are out of order by less than a second. Of a file only a step back is
+  // known: a step forward looks as if nothing had come.
+  void note_time(std::int64_t at_ns) {
+    constexpr std::int64_t set_back_ns = 1'000'000'000;
+    const auto step_ns = at_ns - std::exchange(latest_ns_, at_ns);
+    if (is_live_ || step_ns >= -set_back_ns) return;
+    clock_.add(step_ns);
+    clock_set_ns_ = at_ns;
+    wire_.interrupt();
+  }
+
+  // What is in the ring may be of both times.
+  void follow_clock(std::chrono::nanoseconds now) {
+    const std::chrono::nanoseconds steady = std::chrono::steady_clock::now().time_since_epoch();
+    if (clock_.look((now - steady).count(), steady.count(), machine::realtime_offset_ns) == 0) return;
+    clock_set_ns_ = now.count();
+    latest_ns_ = 0;
+    is_in_doubt_ = true;
   }
 
   void note_drops() {
@@ -97,14 +123,17 @@ class Capture final : public Sensor {
   Handle handle_;
   const bool is_live_;
   const Limits limits_;
-  std::int64_t latest_ns_ = 0;  // of the previous packet: the clock may be set back
-  std::int64_t read_ns_ = 0;    // of a live source: all until then was read
+  std::int64_t latest_ns_ = 0;     // of the previous packet: the clock may be set back
+  std::int64_t clock_set_ns_ = 0;  // when it was set last, by what it then showed
+  ClockSteps clock_;
+  std::int64_t read_ns_ = 0;  // of a live source: all until then was read
   Origin origin_;
   Packets packets_;
   Wire wire_;
   std::uint32_t dropped_ = 0;
-  bool is_in_doubt_ = false;  // packets were dropped somewhere among those in the ring
-  std::string damage_;        // of a file
+  // Packets were dropped, or the clock was set, somewhere among those in the ring.
+  bool is_in_doubt_ = false;
+  std::string damage_;  // of a file
 };
 
 }  // namespace

@@ -35,8 +35,7 @@ using namespace std::chrono_literals;
 
 constexpr auto look_every = 1s;
 constexpr std::size_t most_remarks = 32, most_handles = 1024;  // handles without a topic name, of a process
-// A larger step means that the clock was set: NTP and PTP slew by less than a thousandth.
-constexpr std::int64_t least_set_ns = 1'000'000, most_interrupted_ns = 1'000'000'000;
+constexpr std::int64_t most_interrupted_ns = 1'000'000'000;
 // A handle still without a name after this many messages never gets one.
 constexpr std::uint64_t most_messages_without_name = 1000;
 // Otherwise a process that publishes without end would keep this one reading.
@@ -124,11 +123,7 @@ class InProcesses final : public Sensor {
       findings.remarks.push_back(
           fmt::format("no cheap place for a probe in {}: {} calls took about {:.0f} µs more each",
                       fmt::join(costly_, ", "), findings.cost->stepped, findings.cost->step_ns / 1e3));
-    if (clock_was_set_ > 0)
-      findings.remarks.push_back(fmt::format(
-          "the clock was set, or the machine slept, {} times, the last time by {:.3f} s. Ages and losses "
-          "across these times are unknown",
-          clock_was_set_, static_cast<double>(clock_was_set_by_ns_) / 1e9));
+    clock_.remark(findings.remarks, "Ages and losses");
     return findings;
   }
 
@@ -191,16 +186,11 @@ class InProcesses final : public Sensor {
 
   // When the clock is set, the stamps of messages under way are useless.
   void follow_clock() {
-    const auto ahead_ns = machine::realtime_offset_ns(), at_ns = now_ns();
-    const auto set_by_ns = ahead_ns - realtime_ahead_ns_;
-    if (std::abs(set_by_ns) > least_set_ns + (at_ns - clock_read_ns_) / 1000) {
-      ++clock_was_set_;
-      clock_was_set_by_ns_ = set_by_ns;
-      // If the clock is set back, an earlier stamp looks later.
+    const auto at_ns = now_ns();
+    realtime_ahead_ns_ = machine::realtime_offset_ns();
+    // If the clock is set back, an earlier stamp looks later.
+    if (const auto set_by_ns = clock_.look(realtime_ahead_ns_, at_ns); set_by_ns != 0)
       messages_.forget_stamps(at_ns + std::clamp<std::int64_t>(-set_by_ns, 0, most_interrupted_ns));
-    }
-    realtime_ahead_ns_ = ahead_ns;
-    clock_read_ns_ = at_ns;
   }
 
   using Calls = std::array<std::uint64_t, ontime_calls>;
@@ -476,9 +466,8 @@ class InProcesses final : public Sensor {
   std::set<std::string> remarks_;
   std::set<std::string> costly_;  // functions where the kernel steps over the instruction under the probe
   std::chrono::steady_clock::time_point look_at_;
-  std::int64_t realtime_ahead_ns_ = machine::realtime_offset_ns(), clock_read_ns_ = now_ns();
-  std::uint64_t clock_was_set_ = 0;
-  std::int64_t clock_was_set_by_ns_ = 0;
+  std::int64_t realtime_ahead_ns_ = machine::realtime_offset_ns();
+  ClockSteps clock_;
   std::int64_t read_ns_ = now_ns();                 // all events until then were read
   std::int64_t read_until_ns_ = 0, latest_ns_ = 0;  // when to stop reading; time of the latest event
   std::uint32_t lost_ = 0;

@@ -4,6 +4,7 @@
 
 #include "listen/listen.hpp"
 #include "listen/wire.hpp"
+#include "machine/machine.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::listen {
@@ -18,7 +19,18 @@ class Reader final : public Sensor {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
       const std::chrono::nanoseconds from = std::chrono::system_clock::now().time_since_epoch();
-      hearing_->take([this](const transport::Heard& heard) { add(heard); });
+      const std::chrono::nanoseconds steady = std::chrono::steady_clock::now().time_since_epoch();
+      // What is heard next may be of both times.
+      const bool was_set =
+          clock_.look((from - steady).count(), steady.count(), machine::realtime_offset_ns) != 0;
+      hearing_->take([&](const transport::Heard& heard) {
+        if (was_set) wire_.interrupt();
+        add(heard);
+      });
+      if (was_set) {
+        wire_.interrupt();
+        clock_set_ns_ = from.count();
+      }
       read_ns_ = from.count();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
@@ -27,7 +39,8 @@ class Reader final : public Sensor {
 
   Findings findings() const override {
     auto findings = wire_.findings();
-    judge_silence(findings.flows, limits_, read_ns_ - unread_ns);
+    judge_silence(findings.flows, limits_, read_ns_ - unread_ns, clock_set_ns_);
+    clock_.remark(findings.remarks, "Periods and losses");
     for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
     findings.remarks.emplace_back(
         "--reader is the last resort: each writer also sends to ontime's reader. ontime judges only what "
@@ -59,7 +72,9 @@ class Reader final : public Sensor {
   const Limits limits_;
   Origin origin_;
   Wire wire_;
-  std::int64_t read_ns_ = 0;  // all until then was read
+  std::int64_t read_ns_ = 0;       // all until then was read
+  std::int64_t clock_set_ns_ = 0;  // when it was set last, by what it then showed
+  ClockSteps clock_;
 };
 
 }  // namespace
