@@ -188,6 +188,15 @@ TEST(Answer, RowDoesNotRepeatItsId) {
   EXPECT_THAT(text_for("load", true), HasSubstr("\nload RT  udp "));
 }
 
+TEST(Words, LargeNumbersHaveNoExponent) {
+  EXPECT_EQ(megabits(38.24e6), "38.24");
+  EXPECT_EQ(megabits(9999.4e6), "9999");
+  EXPECT_EQ(megabits(10e9), "10000");
+  EXPECT_EQ(megabits(25e9), "25000");
+  EXPECT_EQ(statistics::time_of(9999.4e9), "9999 s");
+  EXPECT_EQ(statistics::time_of(12345.6e9), "12346 s");
+}
+
 TEST(Words, HoursAreNoLongNumberOfSeconds) {
   using namespace std::chrono_literals;
   EXPECT_EQ(duration(600s), "600 s");

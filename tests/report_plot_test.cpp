@@ -259,6 +259,9 @@ TEST(Gnuplot, MessageDueLongAfterTheOthersIsCountedBesideTheFigure) {
   EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));
   run.start_ns = 1000 * ms;
   run.shape.beyond = {sample(0, ms), sample(1, ms)};
+  run.shape.beyond[0].due_ns = run.start_ns + std::int64_t{150 * 60} * 1000 * ms;
+  run.shape.beyond[1].due_ns = run.shape.beyond[0].due_ns + 1000 * ms;
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("Not drawn: 2 messages due after 150 min"));
   run.shape.beyond[0].due_ns = run.start_ns + std::int64_t{4 * 3600} * 1000 * ms;
   run.shape.beyond[1].due_ns = run.start_ns + std::int64_t{5 * 3600} * 1000 * ms;
   const auto commands = gnuplot_of({run}, {});

@@ -140,8 +140,9 @@ std::string beyond_text(const Summary& summary) {
   if (beyond.empty()) return "";
   const auto first_s = seconds_into(summary, std::ranges::min(beyond, {}, &roundtrip::Sample::due_ns).due_ns);
   const auto [unit, unit_s] = unit_for(first_s);
-  return fmt::format("Not drawn: {} due after {:.2g} {}", many(beyond.size(), "message", "messages"),
-                     first_s / unit_s, unit);
+  const auto first = first_s / unit_s;
+  return fmt::format("Not drawn: {} due after {} {}", many(beyond.size(), "message", "messages"),
+                     first < 99.5 ? fmt::format("{:.2g}", first) : fmt::format("{:.0f}", first), unit);
 }
 
 // Its slices went with the samples.

@@ -128,7 +128,9 @@ std::string duration(std::chrono::nanoseconds time) {
 }
 
 std::string megabits(std::optional<double> bit_s) {
-  return bit_s ? fmt::format("{:.4g}", *bit_s / 1e6) : nothing;
+  if (!bit_s) return nothing;
+  const double mbit_s = *bit_s / 1e6;
+  return mbit_s < 9999.5 ? fmt::format("{:.4g}", mbit_s) : fmt::format("{:.0f}", mbit_s);  // no exponent
 }
 
 std::string size(std::uint64_t bytes) {

@@ -243,6 +243,7 @@ class Pass {
 
 std::string time_of(double ns) {
   const double size = std::abs(ns);
+  if (size >= 9999.5e9) return fmt::format("{:.0f} s", ns / 1e9);  // without an exponent
   if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
   if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
   return fmt::format("{:.4g} µs", ns / 1e3);
