@@ -67,6 +67,16 @@ TEST(Reader, MessagesOfAnotherMachineHaveNoAge) {
   EXPECT_FALSE(findings_of({heard(1, ms, false), heard(2, ms, false)}).flows.at(0).age);
 }
 
+TEST(Reader, EachLossHasARow) {
+  std::vector<Row> rows;
+  const auto flow = findings_of({heard(5), heard(6), heard(9), heard(8), heard(10)}, {}, &rows).flows.at(0);
+  EXPECT_EQ(flow.lost, 1U);
+  std::int64_t lost = 0;
+  for (const auto& row : rows)
+    if (row.quantity == Row::Quantity::age) lost += (row.to_ns == 0 ? 1 : 0) - (row.was_lost ? 1 : 0);
+  EXPECT_EQ(lost, 1);
+}
+
 TEST(Reader, RowsBeginNearZero) {
   std::vector<Row> rows;
   findings_of({heard(1), heard(2), heard(3)}, {}, &rows);

@@ -13,7 +13,7 @@ namespace {
 class Reader final : public Sensor {
  public:
   Reader(std::unique_ptr<transport::Hearing> hearing, const Limits& limits)
-      : hearing_(std::move(hearing)), limits_(limits), wire_(limits) {}
+      : hearing_(std::move(hearing)), limits_(limits), wire_(limits, false) {}
 
   bool listen_for(std::chrono::milliseconds most) override {
     const auto until = std::chrono::steady_clock::now() + most;

@@ -164,7 +164,8 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
       stream.last_stamp_ns = *data.stamp_ns;
     }
     keep_losses(stream, [&](const Hole& hole) {
-      return hole.last + doubtful < data.sequence || hole.after_ns + doubtful_ns <= *data.stamp_ns;
+      return !sees_gaps_ || hole.last + doubtful < data.sequence ||
+             hole.after_ns + doubtful_ns <= *data.stamp_ns;
     });
   }
   stream.late += is_late ? 1 : 0;

@@ -22,7 +22,8 @@ class Wire {
  public:
   static constexpr std::size_t most_writers = 1024, most_names = 16384, most_ways = 16;
 
-  explicit Wire(const Limits& limits) : limits_(limits) {}
+  // `sees_gaps`: of numbers that a writer leaves out, a GAP or a HEARTBEAT tells. Else they are lost at once.
+  explicit Wire(const Limits& limits, bool sees_gaps = true) : limits_(limits), sees_gaps_(sees_gaps) {}
   // at_ns: CLOCK_REALTIME of the capture. In order of capture.
   void add(std::int64_t at_ns, const Datagram&);
   // One message, of any source.
@@ -71,6 +72,7 @@ class Wire {
   std::string topic_of(const rtps::Guid&) const;
 
   const Limits limits_;
+  const bool sees_gaps_;
   std::map<rtps::Guid, std::string> topics_;
   std::map<rtps::Guid, Stream> streams_;
   Misses misses_;
