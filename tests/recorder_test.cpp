@@ -243,6 +243,15 @@ TEST_F(Recorder, OfManyDelaysAtOnceTheWorstAreKept) {
 }
 
 // A topic at 100 Hz is silent after some 15 ms.
+TEST(ListenWords, RateOfASlowTopicIsNotZero) {
+  listen::Flow flow;
+  for (int i = 0; i < 2; ++i) flow.period.add(40'000 * ms);
+  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  0.025 Hz  "));
+  flow.period.add(1);
+  for (int i = 0; i < 20'000; ++i) flow.period.add(50 * ms);
+  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  18.5 Hz  "));
+}
+
 TEST(ListenWords, ShortSilenceHasItsLengthAndOneMessageIsOne) {
   listen::Flow flow;
   flow.messages = 1;
@@ -470,6 +479,9 @@ TEST(ListenWords, MessagesWithoutAKnownAgeAreNotOnTimeByTheirAge) {
   EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}),
               testing::HasSubstr("late 0 of 500  age unknown 499 "));
   EXPECT_EQ(json_of(flow).at("age_unknown"), 499);
+  flow.age_unknown = 0;
+  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  lost unknown"))
+      << "the others came before their writer was recognized";
   flow.age.reset();
   EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  lost unknown"));
   EXPECT_EQ(json_of(listen::Flow{}).at("age_unknown"), nullptr);

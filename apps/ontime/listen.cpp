@@ -163,6 +163,7 @@ class Listening {
       if (!goes_on) break;
     }
     terminal.does("ending");
+    sensor->end();
     sort_worst_first(waiting_);
     take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();

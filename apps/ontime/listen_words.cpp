@@ -96,9 +96,10 @@ std::string words_of(const listen::Party& party, const char* unknown) {
 }
 
 std::string way_of(const listen::Flow& flow) {
-  return fmt::format("{}  {} → {}  {:.1f} Hz", topic_of(flow.topic),
-                     words_of(flow.writer, "(writer not seen)"), words_of(flow.reader, "(no reader seen)"),
-                     flow.rate_hz());
+  const auto hz = flow.rate_hz();
+  return fmt::format("{}  {} → {}  {} Hz", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
+                     words_of(flow.reader, "(no reader seen)"),
+                     hz > 0 && hz < 0.95 ? fmt::format("{:.2g}", hz) : fmt::format("{:.1f}", hz));
 }
 
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
@@ -138,10 +139,11 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);
   const bool by_age = limits.age && !lacks_age, by_period = limits.longest_gap().has_value();
   if (by_age || by_period)
-    text += fmt::format(
-        " late {} of {}{} ", flow.late,
-        by_age ? flow.messages - flow.not_judged - (by_period ? 0 : unknown + ahead) : flow.period.count(),
-        lacks_age ? " (by period only)" : "");
+    text += fmt::format(" late {} of {}{} ", flow.late,
+                        !by_age     ? flow.period.count()
+                        : by_period ? flow.messages - flow.not_judged
+                                    : flow.age->count() - ahead,
+                        lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
   if (unknown > 0) text += fmt::format(" age unknown {} ", unknown);

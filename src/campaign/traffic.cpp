@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "table/table.hpp"
+
 namespace ontime::campaign {
 namespace {
 
@@ -26,7 +28,7 @@ bool running(const json& by_host, const std::string& way) {
 }
 
 std::string megabits(const std::optional<double>& bit_s) {
-  return bit_s ? fmt::format("{:.4g}", *bit_s / 1e6) : "unknown";
+  return bit_s ? table::megabits(*bit_s) : "unknown";
 }
 
 }  // namespace

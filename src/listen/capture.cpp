@@ -45,7 +45,6 @@ class Capture final : public Sensor {
       if (count > 0) continue;
       if (!is_live_) {
         if (count < 0) damage_ = pcap_geterr(handle_.get());
-        wire_.end();
         return false;
       }
       if (count < 0) throw Error(fmt::format("listen: the capture failed: {}", pcap_geterr(handle_.get())));
@@ -67,6 +66,8 @@ class Capture final : public Sensor {
           fmt::format("the capture cannot be read to its end: {}. ontime judges the part before", damage_));
     return findings;
   }
+
+  void end() override { wire_.end(); }
 
   std::vector<Miss> take_misses() override { return wire_.take_misses(); }
 

@@ -291,6 +291,8 @@ class Sensor {
   // it counts as one late period.
   virtual void pause() {}
   virtual void resume() {}
+  // No listen_for() follows: what is missing now is lost, and has its row. Before the last findings().
+  virtual void end() {}
 };
 
 // Probes in the processes of this machine that map a ROS 2 middleware (rmw), Cyclone DDS or Fast DDS: those

@@ -127,11 +127,7 @@ std::string duration(std::chrono::nanoseconds time) {
   return fmt::format("{:.6g} µs", value);
 }
 
-std::string megabits(std::optional<double> bit_s) {
-  if (!bit_s) return nothing;
-  const double mbit_s = *bit_s / 1e6;
-  return mbit_s < 9999.5 ? fmt::format("{:.4g}", mbit_s) : fmt::format("{:.0f}", mbit_s);  // no exponent
-}
+std::string megabits(std::optional<double> bit_s) { return bit_s ? table::megabits(*bit_s) : nothing; }
 
 std::string size(std::uint64_t bytes) {
   if (bytes >= 1 << 20 && bytes % (1 << 20) == 0) return fmt::format("{} MiB", bytes >> 20);

@@ -31,6 +31,7 @@ std::string labelled(const std::string& label, const std::string& text, std::siz
                      std::size_t width);
 
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
+std::string megabits(double bit_s);                                            // "80", "38.2", "10000"
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
 // As one command, which a POSIX shell, zsh and fish take for these words.

@@ -124,6 +124,11 @@ std::string shortened(const std::string& text, std::size_t most) {
   return text;
 }
 
+std::string megabits(double bit_s) {
+  const auto mbit_s = bit_s / 1e6;
+  return mbit_s < 9999.5 ? fmt::format("{:.4g}", mbit_s) : fmt::format("{:.0f}", mbit_s);  // no exponent
+}
+
 std::string many(std::uint64_t number, const char* one, const char* several) {
   return fmt::format("{} {}", number, number == 1 ? one : several);
 }
