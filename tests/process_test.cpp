@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "process/process.hpp"
 
+#include <csignal>
 #include <fstream>
 #include <sstream>
 
 #include <gtest/gtest.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 namespace ontime::process {
@@ -80,6 +82,18 @@ TEST(Stat, CutTextIsRefused) {
   ASSERT_TRUE(parse_stat(whole.substr(0, policy + 1)));
   for (std::size_t length = 0; length < policy; ++length)
     EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
+}
+
+// As some programs that start others leave it to these.
+TEST(Start, EndIsReportedAlsoWhereTheCallerIgnoredTheEndOfChildren) {
+  const pid_t child = fork();
+  if (child == 0) {
+    std::signal(SIGCHLD, SIG_IGN);
+    const auto started = start({"sh", "-c", "exit 7"}, {0, 1, 2});
+    const int status = wait_for(started.pid);
+    _exit(WIFEXITED(status) ? WEXITSTATUS(status) : 1);
+  }
+  EXPECT_EQ(WEXITSTATUS(wait_for(child)), 7);
 }
 
 }  // namespace

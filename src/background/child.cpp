@@ -116,6 +116,7 @@ bool group_gone(pid_t group) {
 }  // namespace
 
 Started start(const std::vector<std::string>& command, int output, const std::vector<std::string>& groups) {
+  process::heed_ends_of_children();
   std::vector<char*> arguments;
   arguments.reserve(command.size() + 1);
   for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));

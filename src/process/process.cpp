@@ -22,7 +22,16 @@ constexpr const char* white = " \t\n\r";
 
 }  // namespace
 
+void heed_ends_of_children() {
+  struct sigaction now {};
+  sigaction(SIGCHLD, nullptr, &now);
+  if (now.sa_handler != SIG_IGN) return;
+  now.sa_handler = SIG_DFL;
+  sigaction(SIGCHLD, &now, nullptr);
+}
+
 Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group group) {
+  heed_ends_of_children();
   std::vector<char*> words;
   words.reserve(command.size() + 1);
   for (auto& word : command) words.push_back(word.data());

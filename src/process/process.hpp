@@ -47,6 +47,10 @@ enum class Group { own, callers };
 // 1 and 2 are the caller's own.
 Started start(std::vector<std::string> command, const std::array<int, 3>& streams, Group = Group::own);
 
+// Before a child is started in another way. The program that started this one may have ignored SIGCHLD: then
+// the kernel forgets a child when it ends, and gives its id to another process.
+void heed_ends_of_children();
+
 std::vector<std::string> command_line();  // of this process; empty without /proc
 
 // Whether it has ended. Its id stays taken until wait_for().
