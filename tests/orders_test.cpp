@@ -2,6 +2,8 @@
 #include "orders/orders.hpp"
 
 #include <csignal>
+#include <cstdio>
+#include <filesystem>
 #include <string_view>
 #include <thread>
 
@@ -194,6 +196,13 @@ TEST_F(CoordinatorTest, EventHandledForOneWorkerIsUnexpectedFromAnother) {
   EXPECT_EQ(said, 0);
 }
 
+TEST_F(CoordinatorTest, WhatAMiddlewarePrintsIsNoEventAlsoWithoutStandardError) {
+  Coordinator::Hand hand(coordinator_, "the worker",
+                         {"sh", "-c", "exec \"$0\" obedient 2>&-", this_program()}, "s");
+  hand.order("print");
+  EXPECT_GT(pid_of(hand), 0);
+}
+
 TEST_F(CoordinatorTest, MalformedEventNamesItsWorker) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
@@ -368,6 +377,16 @@ TEST(Worker, LeavesACoordinatorThatIsSilent) {
   EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("10 s"));
 }
 
+// As by an upgrade during a suite.
+TEST(Program, HasItsPathAlsoOnceAnotherIsInstalledThere) {
+  const auto copy =
+      std::filesystem::temp_directory_path() / ("ontime-orders-test-" + std::to_string(getpid()));
+  std::filesystem::copy_file("/proc/self/exe", copy);
+  const auto started = process::start({copy.string(), "replaced"}, {0, 1, 2});
+  EXPECT_EQ(process::wait_for(started.pid), 0);
+  std::filesystem::remove(copy);
+}
+
 TEST(Signals, IgnoredSignalsStayIgnored) {
   const pid_t child = fork();
   if (child == 0) {
@@ -389,6 +408,10 @@ class Obedient final : public Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "say") events_.tell("said", {{"what", body.at("what")}});
     if (order == "answer") events_.tell("answered", {{"pid", getpid()}});
+    if (order == "print") {
+      std::puts("as a middleware may");
+      std::fflush(stdout);
+    }
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
@@ -422,6 +445,11 @@ int main(int argc, char** argv) {
   using namespace ontime::orders;
   if (argc > 1 && std::string_view(argv[1]) == "obedient")
     return serve("s", [](Events& events) { return std::make_unique<Obedient>(events); });
+  if (argc > 1 && std::string_view(argv[1]) == "replaced") {
+    const auto path = this_program();
+    std::filesystem::remove(path);
+    return this_program() == path ? 0 : 1;
+  }
   on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();

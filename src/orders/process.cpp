@@ -38,7 +38,11 @@ Pipe made_pipe() {
 
 }  // namespace
 
-std::string this_program() { return std::filesystem::read_symlink("/proc/self/exe").string(); }
+std::string this_program() {
+  // Read once: once another ontime is installed there, the kernel says "… (deleted)".
+  static const auto program = std::filesystem::read_symlink("/proc/self/exe").string();
+  return program;
+}
 
 Process::Process(std::string name, const std::vector<std::string>& command, Between between)
     : name_(std::move(name)),

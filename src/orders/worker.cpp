@@ -113,6 +113,8 @@ void obey_all(EventPipe& pipe, Worker& worker) {
 
 int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make) {
   on_termination([](int signal) { count_termination(terminations, signal); });
+  // Where the caller has closed standard error, the next file that is opened would be it.
+  if (fcntl(STDERR_FILENO, F_GETFD) < 0) open("/dev/null", O_WRONLY);
   // Whatever a middleware prints must not get between the frames.
   const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
   dup2(STDERR_FILENO, STDOUT_FILENO);
