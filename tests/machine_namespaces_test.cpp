@@ -255,6 +255,10 @@ TEST_F(Namespaces, CableIsUsedUnlessAProgramMayUseAnEnd) {
     EXPECT_THAT(refused(), HasSubstr("ip address flush dev card0"));
     EXPECT_FALSE(exist());
     iproute2({"ip", "address", "flush", "dev", "card0"});
+    fs::create_symlink("../br0", "/sys/class/net/card0/master");
+    EXPECT_THAT(refused(), AllOf(HasSubstr("card0"), HasSubstr("br0"), HasSubstr("nomaster")));
+    EXPECT_FALSE(exist());
+    fs::remove("/sys/class/net/card0/master");
 
     const auto ends = join_namespaces(journal, {"component"}, cable);
     EXPECT_EQ(interface_to(ends[1].address, ends[0].name), "card0");

@@ -425,5 +425,13 @@ TEST(Ip, SaysWhatItSaid) {
                           HasSubstr("no-such-link\" does not exist")));
 }
 
+// As where another program left a FIFO in /run/netns.
+TEST(Ip, IsNotWaitedForWithoutEnd) {
+  EXPECT_THAT(error_of([] {
+                iproute2({"sleep", "60"}, std::chrono::milliseconds(50));
+              }),
+              StartsWith("sleep 60 was killed"));
+}
+
 }  // namespace
 }  // namespace ontime::machine

@@ -22,9 +22,22 @@ process::Started start(const std::vector<std::string>& command, const process::M
   return process::start(command, {nothing.get(), output.fd(), output.fd()});
 }
 
+// Of the end of a child; nothing if the limit passed first: then it was killed.
+std::optional<int> status_within(pid_t pid, std::chrono::nanoseconds limit) {
+  const auto end = std::chrono::steady_clock::now() + limit;
+  bool in_time = true;
+  while (!process::has_ended(pid)) {
+    in_time = std::chrono::steady_clock::now() <= end;
+    if (!in_time) kill(-pid, SIGKILL);
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  const int status = process::wait_for(pid);
+  return in_time ? std::make_optional(status) : std::nullopt;
+}
+
 }  // namespace
 
-std::string iproute2(const std::vector<std::string>& command) {
+std::string iproute2(const std::vector<std::string>& command, std::chrono::nanoseconds limit) {
   const process::Memory output;
   const auto asked = fmt::format("{}", fmt::join(command, " "));
   const auto started = start(command, output);
@@ -32,7 +45,9 @@ std::string iproute2(const std::vector<std::string>& command) {
     throw Error(fmt::format("{}: no program `{}`. Fix: sudo apt install iproute2", asked, command.front()));
   if (started.error != 0)
     throw Error(fmt::format("{}: {}", asked, std::generic_category().message(started.error)));
-  if (process::wait_for(started.pid) != 0)
+  const auto status = status_within(started.pid, limit);
+  if (!status) throw Error(fmt::format("{} was killed: it did not end in time", asked));
+  if (status != 0)
     throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("no error message")));
   return output.text();
 }
@@ -42,12 +57,7 @@ std::optional<std::string> answer_of(const std::vector<std::string>& command,
   const process::Memory output;
   const auto started = start(command, output);
   if (started.error != 0) return {};
-  const auto end = std::chrono::steady_clock::now() + limit;
-  while (!process::has_ended(started.pid)) {
-    if (std::chrono::steady_clock::now() > end) kill(-started.pid, SIGKILL);
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
-  if (process::wait_for(started.pid) != 0) return {};
+  if (status_within(started.pid, limit) != 0) return {};
   return output.text();
 }
 
