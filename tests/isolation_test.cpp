@@ -142,6 +142,7 @@ TEST_F(Unified, GroupMadeByAnotherProgramIsLeft) {
     fs::create_directory(folder);
     EXPECT_THAT(test::error_of([&] { journal.change(group_kind, load, journal::to_be_made); }),
                 HasSubstr("sudo rmdir " + folder.string()));
+    EXPECT_THROW(group_kind.write(load, journal::to_be_made, {}), journal::MadeByAnother);
     EXPECT_THAT(journal.take_back(group_kind, load), IsEmpty());
     EXPECT_TRUE(fs::exists(folder));
     fs::remove(folder);

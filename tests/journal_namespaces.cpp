@@ -60,6 +60,7 @@ TEST_F(Namespaces, ForeignOneIsLeftAlone) {
     Journal journal;
     EXPECT_THAT(error_of([&] { add_namespace(journal, name); }),
                 HasSubstr(std::string("sudo ip netns delete ") + name));
+    EXPECT_THROW(namespace_kind.write(name, "", {}), MadeByAnother);
   }
   EXPECT_TRUE(exists());
   ip(std::string("netns delete ") + name);

@@ -29,6 +29,10 @@ Value read_setting(const std::string& path) {
 }
 void write_setting(const std::string& path, const Value& value, const Value&) {
   if (value == "impossible") throw Error("no such value");
+  if (value == "another is quicker") {
+    write_file(path, "another's");
+    throw MadeByAnother("it exists");
+  }
   if (value == "no thread")
     throw std::system_error(std::make_error_code(std::errc::resource_unavailable_try_again));
   if (value)
@@ -90,6 +94,15 @@ TEST_F(Settings, AreReadBack) {
   EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(1)) << "what was not changed is not there";
   EXPECT_THAT(journal.revert(), IsEmpty());
   EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, AThingThatAnotherProgramMakesJustBeforeIsLeft) {
+  Journal journal(settings);
+  EXPECT_EQ(error_of([&] { journal.change(governor, two_, "another is quicker"); }), "it exists");
+  EXPECT_EQ(read_file(two_), "another's");
+  EXPECT_THAT(parse(read_file(journals().at(0))).entries, IsEmpty());
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_EQ(read_file(two_), "another's");
 }
 
 // As where no more threads can be started: the identities that follow are of the right entries.
@@ -393,6 +406,45 @@ TEST_F(Settings, RootSettingsNeedRootEvenWithCapabilities) {
 TEST_F(Settings, UnknownKindIsALogicError) {
   Journal journal;
   EXPECT_THROW(journal.change(governor, one_, "performance"), std::logic_error);
+}
+
+// As on a robot whose clock is set by the network.
+TEST_F(Settings, KeptBeforeTheClockWasSetBackAreUndoneLast) {
+  const auto before =
+      plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "powersave", "ondemand"}}),
+            "7f00000000000001-00000001.kept");
+  write_file(one_, "ondemand");
+  Journal journal(settings);
+  journal.change(governor, one_, "performance");
+  journal.keep();
+  EXPECT_THAT(journal.revert_kept().left, IsEmpty());
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_FALSE(fs::exists(before));
+}
+
+TEST_F(Settings, AreRestoredWithoutTheirFolder) {
+  {
+    Journal journal(settings);
+    journal.change(governor, one_, "performance");
+    fs::remove_all(folder_path());  // by another program: only this process can restore them
+    EXPECT_THAT(error_of([&] { journal.change(governor, two_, "made"); }),
+                AllOf(HasSubstr("removed by another"), HasSubstr("changes nothing")));
+    EXPECT_FALSE(fs::exists(two_));
+    EXPECT_THAT(journal.revert(), IsEmpty());
+  }
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_TRUE(there_is_no_folder());
+}
+
+TEST_F(Settings, AreRestoredWhileAStoppedOntimeLocksTheFolder) {
+  Journal journal(settings);
+  journal.change(governor, one_, "performance");
+  {
+    const auto locked = Folder::make();
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_EQ(read_file(one_), "powersave");
+  }
+  EXPECT_THAT(revert_abandoned(settings), IsEmpty());
 }
 
 // --- whose the machine is

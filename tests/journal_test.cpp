@@ -212,6 +212,25 @@ TEST_F(Journals, NoTemporaryFolderIsAnError) {
   });
 }
 
+// As after an upgrade of what "current" leads to.
+TEST_F(Journals, AFolderIsFoundAgainWhereverALinkLeadsByThen) {
+  in_child([] {
+    std::string outer_name = fs::temp_directory_path() / "ontime-linked-XXXXXX";
+    ASSERT_NE(mkdtemp(outer_name.data()), nullptr);
+    const fs::path outer = outer_name;
+    for (const auto* name : {"one", "two"}) fs::create_directory(outer / name);
+    fs::create_symlink("one", outer / "link");
+    set("TMPDIR", outer / "two/../link/");
+    Journal journal;
+    make_folder(journal);
+    fs::remove(outer / "link");
+    fs::create_symlink("two", outer / "link");
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_TRUE(fs::is_empty(outer / "one"));
+    fs::remove_all(outer);
+  });
+}
+
 TEST_F(Journals, WithoutAJournalNothingIsChanged) {
   in_child([] {
     Journal journal;

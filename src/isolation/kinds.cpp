@@ -95,7 +95,7 @@ void write_group(const std::string& what, const Value& value, const Value& prese
     const auto folder = folder_of(what);
     if (mkdir(folder.c_str(), 0755) == 0) return;
     if (errno == EEXIST)
-      throw journal::Error(
+      throw journal::MadeByAnother(
           fmt::format("control group {0} already exists, and this ontime did not make it. Fix: if no process "
                       "uses it, sudo rmdir {0}",
                       folder));

@@ -103,10 +103,11 @@ void write(const std::string& path, const Value& value, const Value& present) {
 
 std::string temporary_folder() {
   std::error_code error;
-  auto folder = fs::temp_directory_path(error).string();
-  if (error || folder[0] != '/')
+  const auto stated = fs::temp_directory_path(error);
+  // Without links: another program may let one lead elsewhere before the folder is removed.
+  auto folder = stated.is_absolute() ? fs::canonical(stated, error).string() : "";
+  if (error || folder.empty())
     throw Error("no temporary folder. Fix: set TMPDIR to the absolute path of a folder, or unset it");
-  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
   return folder;
 }
 

@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <chrono>
+#include <cstdint>
 #include <cstdlib>
 #include <memory>
 #include <random>
@@ -46,6 +48,14 @@ std::string fault_of(const struct stat& found) {
   if (found.st_uid != geteuid()) return fmt::format("it belongs to user {}", found.st_uid);
   if ((found.st_mode & (S_IWGRP | S_IWOTH)) != 0) return "others may write to it";
   return "";
+}
+
+// The time in a journal's name; 0 if it has another name.
+std::uint64_t number_of(const std::string& name) {
+  constexpr std::size_t digits = 16;
+  std::uint64_t number = 0;
+  const char* const end = name.data() + std::min(digits, name.size());
+  return std::from_chars(name.data(), end, number, 16).ptr == name.data() + digits ? number : 0;
 }
 
 // False if another process held it all that time.
@@ -134,10 +144,14 @@ std::vector<std::string> Folder::names(const std::string& ending) const {
 }
 
 std::pair<std::string, Fd> Folder::add_journal() {
-  // Sorted by time, so that two changes of one thing are undone in the right order.
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  // Sorted by time, so that two changes of one thing are undone in the right order, also if the clock was
+  // set back between them.
+  const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+  auto number = static_cast<std::uint64_t>(now.count());
+  for (const auto* ending : {suffix, kept_suffix})
+    for (const auto& name : names(ending)) number = std::max(number, number_of(name) + 1);
   std::random_device random;
-  auto name = fmt::format("{:016x}-{:08x}{}", std::chrono::nanoseconds(now).count(), random(), suffix);
+  auto name = fmt::format("{:016x}-{:08x}{}", number, random(), suffix);
   Fd fd(
       ::openat(fd_.get(), name.c_str(), O_RDWR | O_APPEND | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600));
   if (fd.get() < 0 || !lock(fd.get(), 0s) || fsync(fd_.get()) != 0) {
@@ -209,6 +223,10 @@ std::string text_of(int fd) {
 }
 
 void append(int fd, const std::string& text) {
+  if (stat_of(fd).st_nlink == 0)
+    throw Error(
+        "the journal was removed by another program; without a journal ontime changes nothing on this "
+        "machine. Fix: start ontime again");
   const auto length = lseek(fd, 0, SEEK_END);
   if (length >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
       fsync(fd) == 0)

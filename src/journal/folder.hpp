@@ -65,7 +65,8 @@ constexpr off_t max_journal_bytes = off_t{1} << 20;
 
 // The whole of a journal.
 std::string text_of(int fd);
-// Adds to a journal: on the disk when it returns, or nothing of it. Throws Error.
+// Adds to a journal: on the disk when it returns, or nothing of it. Throws Error, also if the journal was
+// removed.
 void append(int fd, const std::string& text);
 void cut(int fd, std::size_t length);
 

@@ -102,6 +102,10 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
     else if (now != wanted)
       throw Error(fmt::format("{} {}: requested {}, is {}", kind.name, what, wanted.value_or("gone"),
                               now.value_or("gone")));
+  } catch (const MadeByAnother&) {
+    cut(fd, static_cast<std::size_t>(length));
+    --file_->entries;
+    throw;
   } catch (const std::exception&) {  // also from the library: no thread, no memory
     // ontime made the present state: restore it. If that fails too, the change stays in the journal.
     try {
@@ -127,14 +131,20 @@ std::vector<std::string> Journal::take_back(const Kind& kind, const std::string&
 std::vector<std::string> Journal::revert() noexcept {
   if (!file_ || file_->owner != getpid()) return {};
   const auto file = std::move(file_);
+  std::vector<std::string> left;
   try {
-    const auto folder = Folder::make();
-    auto reverted = journal::revert(file->fd.get(), folder.path() + '/' + file->name, more_);
-    if (reverted.finished) folder.remove(file->name);
-    return std::move(reverted.left);
+    // Without the folder: it may have been removed, or a stopped ontime locks it.
+    auto reverted = journal::revert(file->fd.get(), folder_path() + '/' + file->name, more_);
+    left = std::move(reverted.left);
+    if (!reverted.finished) return left;
   } catch (const std::exception& error) {
     return {error.what()};  // the journal stays, for revert_abandoned()
   }
+  try {
+    if (const auto folder = Folder::find()) folder->remove(file->name);
+  } catch (const std::exception&) {  // it stays with nothing to undo in it, and the next ontime removes it
+  }
+  return left;
 }
 
 void Journal::remember(const Kind& kind, const std::string& what) {

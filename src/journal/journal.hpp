@@ -22,6 +22,11 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+// Of Kind::write(): another program made the thing just before, so it is not ontime's to remove.
+struct MadeByAnother : Error {
+  using Error::Error;
+};
+
 // The value of a thing, in the format of its kind; nullopt: the thing does not exist. For a thing that ontime
 // makes it is an identity, which differs from that of a later thing of the same name.
 using Value = std::optional<std::string>;

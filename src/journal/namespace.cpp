@@ -52,6 +52,7 @@ void make_folder(const std::string& name) {
 void make_name(const std::string& name) {
   make_folder(name);
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0));
+  if (fd.get() < 0 && errno == EEXIST) throw MadeByAnother(trouble(name, "made", errno).what());
   if (fd.get() < 0) throw trouble(name, "made", errno);
 }
 
