@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -199,9 +200,37 @@ TEST_F(LinkFaults, TableReplacedByAnotherProcessIsLeft) {
   journal::within_namespace(
       netns, [] { nft("delete table netdev ontime-controller; add table netdev ontime-controller"); });
   EXPECT_NE(table_kind.read(what), first);
+  EXPECT_THROW(table_kind.write(what, journal::to_be_made, {}), journal::MadeByAnother);
   EXPECT_THAT(journal_.take_back(table_kind, what),
               testing::ElementsAre(HasSubstr("another program has changed it")));
   EXPECT_TRUE(table_kind.read(what)) << "it is left";
+}
+
+// Of the keeper's own network namespace: another ontime may be started in another one.
+TEST(LocalFaults, AreNotGoneInAnotherNetworkNamespace) {
+  if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
+  test::in_child([] {
+    ASSERT_EQ(unshare(CLONE_NEWNET | CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("none", "/run", "tmpfs", 0, "mode=755"), 0);
+    test::Victim victim(
+        [](journal::Journal& journal) {
+          static std::optional<Link> link;  // until it is killed
+          link.emplace(journal, Link::Place{"controller", "", "lo"}, Faults{.loss = 0.01},
+                       std::vector<int>{});
+          return "linked";
+        },
+        kinds());
+    ASSERT_EQ(victim.said(), "linked");
+    victim.kill_9();
+    test::in_child([] {
+      ASSERT_EQ(unshare(CLONE_NEWNET), 0);
+      EXPECT_THAT(journal::revert_abandoned(kinds()), testing::Each(HasSubstr("not visible here")));
+    });
+    EXPECT_THAT(nft("list ruleset"), HasSubstr("table inet ontime-controller"));
+    EXPECT_THAT(journal::revert_abandoned(kinds()), testing::SizeIs(2));
+    EXPECT_THAT(nft("list ruleset"), IsEmpty());
+  });
 }
 
 // A tc that keeps the root qdisc of all interfaces in a file, and refuses one below it. After the first try

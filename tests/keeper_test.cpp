@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/keeper.hpp"
 
+#include <cstdlib>
 #include <filesystem>
 #include <string_view>
 #include <thread>
@@ -177,6 +178,27 @@ TEST_F(Keeper, GoesOnWithoutAMissingLink) {
   EXPECT_THAT(answer.value("error", ""), HasSubstr("no-such-link"));
   ask("begin", "begun");
   EXPECT_TRUE(ask("end", "ended").at("links").empty());
+}
+
+TEST_F(Keeper, SaysThatAnotherProgramChangedALink) {
+  if (!machine::may_join_namespaces()) GTEST_SKIP() << "needs root";
+  ask("open", "opened");
+  const auto joined =
+      ask("join", "joined", {{"components", {"component"}}, {"cable", nullptr}, {"wire", nullptr}});
+  const auto& end = joined.at("hosts").at("controller");
+  const auto linked = ask("link", "linked",
+                          {{"host", "controller"},
+                           {"network_namespace", "ontime-controller"},
+                           {"interface", end.at("interface")},
+                           {"faults", to_json(conditions::Faults{.loss = 0.01})},
+                           {"traffic_ports", json::array()},
+                           {"by_ip", true}});
+  ASSERT_FALSE(linked.contains("error")) << linked;
+  ASSERT_EQ(std::system("ip netns exec ontime-controller nft "
+                        "'delete table netdev ontime-controller; add table netdev ontime-controller'"),
+            0);
+  const auto notes = ask("unload", "unloaded").at("notes");
+  EXPECT_THAT(notes.dump(), HasSubstr("another program has changed it"));
 }
 
 TEST_F(Keeper, FailsWithoutALoadWorker) {

@@ -122,6 +122,9 @@ class Link {
   // Throws Error if another process removed the counters or the faults.
   Counts counts() const;
 
+  // Removes everything before the destructor would. Returns a line for each change that could not be undone.
+  std::vector<std::string> take_back();
+
  private:
   void give_back() noexcept;
   journal::Journal& journal_;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <functional>
 #include <future>
+#include <iterator>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -179,7 +180,8 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
   });
   const auto table = journal::own_prefix + place_.host;
   const auto make = [&](const char* family, const std::string& text) {
-    journal_.change(table_kind, table_what(place_.netns, family, place_.host), journal::to_be_made);
+    journal_.change(kind_of_tables(place_.netns), table_what(place_.netns, family, place_.host),
+                    journal::to_be_made);
     journal::within_namespace(place_.netns, [&] { nft(text); });
   };
   const auto what_of = [&](const std::string& words) {
@@ -193,11 +195,11 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
     if (!faults.qdisc.empty()) {
       qdisc_ = what_of(faults.qdisc);
-      journal_.change(qdisc_kind, qdisc_, our_qdisc_of(faults.qdisc));
+      journal_.change(kind_of_qdiscs(place_.netns), qdisc_, our_qdisc_of(faults.qdisc));
     }
     if (!needs_netem(faults)) return;
     qdisc_ = what_of("");
-    journal_.change(qdisc_kind, qdisc_, our_qdisc_of("netem"));
+    journal_.change(kind_of_qdiscs(place_.netns), qdisc_, our_qdisc_of("netem"));
     journal::within_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
   } catch (const std::exception&) {
     give_back();
@@ -207,11 +209,20 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
 
 Link::~Link() { give_back(); }
 
+std::vector<std::string> Link::take_back() {
+  std::vector<std::string> left;
+  const auto undo = [&](const journal::Kind& kind, const std::string& what) {
+    std::ranges::move(journal_.take_back(kind, what), std::back_inserter(left));
+  };
+  if (!qdisc_.empty()) undo(kind_of_qdiscs(place_.netns), qdisc_);
+  for (const auto* family : {"netdev", "inet"})
+    undo(kind_of_tables(place_.netns), table_what(place_.netns, family, place_.host));
+  return left;
+}
+
 void Link::give_back() noexcept {
   try {
-    if (!qdisc_.empty()) journal_.take_back(qdisc_kind, qdisc_);
-    for (const auto* family : {"netdev", "inet"})
-      journal_.take_back(table_kind, table_what(place_.netns, family, place_.host));
+    take_back();
   } catch (const std::exception&) {  // it is in the journal, whose end gives it back or says why it cannot
     return;
   }

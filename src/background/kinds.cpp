@@ -86,8 +86,14 @@ void write_table(const std::string& what, const Value& value, const Value& prese
   if (!value && read_table(what) != present && present != journal::to_be_made)
     throw journal::Error(
         fmt::format("nftables table {} is not removed: another process has replaced it", what));
-  inside(parts[0],
-         [&] { nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2])); });
+  inside(parts[0], [&] {
+    try {
+      nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2]));
+    } catch (const Error& error) {
+      if (std::string_view(error.what()).find("File exists") == std::string_view::npos) throw;
+      throw journal::MadeByAnother(error.what());
+    }
+  });
 }
 
 constexpr unsigned our_qdisc_number = 0x6f74;  // and so on, for those below it
@@ -104,6 +110,11 @@ bool accepts_qdisc(const std::string& what) {
   return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) &&
          is_namespace_name(parts[0]) &&
          (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
+}
+
+template <bool (*accepts)(const std::string&)>
+bool accepts_local(const std::string& what) {
+  return what.starts_with('/') && accepts(what);
 }
 
 // Its name now, in the caller's network namespace; nothing: the interface, and its qdisc, are gone, or it was
@@ -205,8 +216,21 @@ const journal::Kind table_kind = {"nft-table", journal::Scope::mount_namespace, 
 const journal::Kind qdisc_kind = {"qdisc", journal::Scope::mount_namespace, accepts_qdisc, read_qdisc,
                                   write_qdisc};
 
+const journal::Kind local_table_kind = {"local nft-table", journal::Scope::network_namespace,
+                                        accepts_local<accepts_table>, read_table, write_table};
+
+const journal::Kind local_qdisc_kind = {"local qdisc", journal::Scope::network_namespace,
+                                        accepts_local<accepts_qdisc>, read_qdisc, write_qdisc};
+
+const journal::Kind& kind_of_tables(const std::string& netns) {
+  return netns.empty() ? local_table_kind : table_kind;
+}
+const journal::Kind& kind_of_qdiscs(const std::string& netns) {
+  return netns.empty() ? local_qdisc_kind : qdisc_kind;
+}
+
 std::span<const journal::Kind> kinds() {
-  static const std::array all{table_kind, qdisc_kind};
+  static const std::array all{table_kind, qdisc_kind, local_table_kind, local_qdisc_kind};
   return all;
 }
 

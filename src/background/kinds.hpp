@@ -28,6 +28,11 @@ extern const journal::Kind table_kind;
 // words, with the qdiscs below its classes, which are removed with it. INTERFACE is "3:eth0", its index and
 // name at that time: it may be renamed.
 extern const journal::Kind qdisc_kind;
+// The same without NETNS: of the network namespace in which they were made. From another one they cannot be
+// seen, and are not gone.
+extern const journal::Kind local_table_kind, local_qdisc_kind;
+const journal::Kind& kind_of_tables(const std::string& netns);
+const journal::Kind& kind_of_qdiscs(const std::string& netns);
 extern const char* const our_qdisc_handle;
 std::string our_qdisc_of(const std::string& words);  // its value, of "netem" or "prio bands 3"
 

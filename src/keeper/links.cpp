@@ -2,6 +2,8 @@
 #include "keeper/links.hpp"
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 #include "keeper/keeper.hpp"
 
@@ -18,6 +20,13 @@ void Links::add(const json& order) {
   auto& counted = links_[host];  // only after the link exists: an error leaves no entry
   counted.link = std::move(link);
   counted.by_ip = order.at("by_ip");
+}
+
+std::vector<std::string> Links::clear() {
+  std::vector<std::string> left;
+  for (const auto& [host, counted] : std::exchange(links_, {}))
+    std::ranges::move(counted.link->take_back(), std::back_inserter(left));
+  return left;
 }
 
 void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {

@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -21,7 +22,7 @@ class Links {
   explicit Links(journal::Journal& journal) : journal_(journal) {}
 
   void add(const nlohmann::json& order);  // "link"
-  void clear() { links_.clear(); }
+  std::vector<std::string> clear();       // what could not be removed, for people
   // Cuts the link `after` from now, for `length`.
   void cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length);
   // Makes the cuts that are due, reports host and time of each, and returns the time until the next.

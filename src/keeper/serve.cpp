@@ -161,17 +161,16 @@ class Keeper final : public orders::Worker {
 
   static bool writes(const Load& load) { return load.running && load.given.hdd_bytes; }
 
-  void end_at_once() {
+  std::vector<std::string> end_at_once() {
     recorder_.reset();
     flows_.clear();
-    links_.clear();
+    return links_.clear();
   }
 
   // Returns what does not end, for people.
   std::vector<std::string> end_all() {
     events_.doing("stopping the load, restoring settings");
-    end_at_once();
-    std::vector<std::string> notes;
+    auto notes = end_at_once();
     for (auto& [host, load] : std::exchange(loads_, {})) {
       if (!load.running) continue;
       if (!background::wait_until([&its = load] { return its.running->end(); }, patience_with_load))
@@ -241,7 +240,7 @@ class Keeper final : public orders::Worker {
   // with the runs of a suite.
   void unload() {
     events_.doing("stopping load, traffic and link faults");
-    end_at_once();
+    left_of_links_ = end_at_once();
     unloading_ = true;
     go_on_unloading();
   }
@@ -253,7 +252,7 @@ class Keeper final : public orders::Worker {
         return 20ms;
       }
     unloading_ = false;
-    std::vector<std::string> notes;
+    auto notes = std::exchange(left_of_links_, {});
     for (const auto& [host, load] : std::exchange(loads_, {}))
       std::ranges::move(journal::remove_directory(journal_, load.directory), std::back_inserter(notes));
     events_.doing("");
@@ -294,6 +293,7 @@ class Keeper final : public orders::Worker {
   bool unloading_ = false;
   background::Room room_{};  // that no load has taken
   Links links_{journal_};
+  std::vector<std::string> left_of_links_;  // while it unloads
   Flows flows_;
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
