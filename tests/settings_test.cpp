@@ -72,6 +72,23 @@ TEST(Threads, AreNotGoneWhereTheyAreNotSeen) {
   });
 }
 
+TEST(Files, AreNotGoneWhereTheyAreNotSeen) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("", "/", "", MS_REC | MS_PRIVATE, nullptr), 0);
+    for (const auto* folder : {"/sys", "/proc/sys", "/proc/irq"})
+      ASSERT_EQ(mount("tmpfs", folder, "tmpfs", 0, nullptr), 0);
+    for (const auto& [kind, what] : {std::pair(&kernel_sysctl, "kernel/timer_migration"),
+                                     {&network_sysctl, "net/core/busy_poll"},
+                                     {&governor, "cpu0"},
+                                     {&workqueues, "unbound"},
+                                     {&interrupt, "41:PCI-MSI 524288"}})
+      EXPECT_THAT(error_of([&, &read = kind->read, &name = what] { read(name); }), HasSubstr("not visible"))
+          << kind->name;
+  });
+}
+
 TEST(Cpus, OfflineCpusAreLeftOut) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   in_child([] {

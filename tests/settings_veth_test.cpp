@@ -233,6 +233,20 @@ TEST_F(OnVeth, InterfaceMovedIntoAContainerIsReportedUntilThatEnds) {
   });
 }
 
+// As after nsenter --net: /sys still shows the network namespace from which it was mounted.
+TEST_F(OnVeth, AnInterfaceOfTheSameNameInAnotherNamespaceIsNotTouched) {
+  inside([] {
+    ASSERT_EQ(unshare(CLONE_NEWNET), 0);
+    ASSERT_EQ(std::system("ip link add left type veth peer name right"), 0);
+    journal::Journal journal(kinds());
+    for (const auto& wishes :
+         {Wishes{{"rps", "0"}}, Wishes{{"threaded-napi", "on"}}, Wishes{{"irq-cpus", "0"}}})
+      EXPECT_THAT(error_of([&] { apply(journal, wishes, left); }), HasSubstr("mount -t sysfs"));
+    EXPECT_EQ(text_of("/sys/class/net/left/queues/rx-0/rps_cpus").find_first_not_of("0,\n"),
+              std::string::npos);
+  });
+}
+
 TEST_F(OnVeth, InterruptsThatCannotBeFoundAreRefusedWhereThereAreSome) {
   inside([] {
     const Wishes without = {{"workqueue-cpus", "0"}};

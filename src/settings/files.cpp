@@ -6,8 +6,11 @@
 
 #include <fmt/format.h>
 #include <net/if.h>
+#include <sys/mount.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "process/process.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -19,12 +22,14 @@ using journal::Scope;
 using journal::Value;
 
 constexpr const char* cpus_folder = "/sys/devices/system/cpu";
-constexpr const char* interfaces_folder = "/sys/class/net";
 
-template <std::string (*path)(const std::string&)>
-Value read(const std::string& what) {
-  return read_file(path(what));
+// A thing is not gone where its folder is not visible, as in a service with ProcSubset=pid.
+Value seen(Value value, const char* folder) {
+  if (!value && access(folder, F_OK) != 0)
+    throw journal::Error(fmt::format("{} is not visible here (in a container?)", folder));
+  return value;
 }
+
 template <std::string (*path)(const std::string&)>
 void write(const std::string& what, const Value& value, const Value&) {
   write_file(path(what), value.value_or(""));
@@ -39,6 +44,7 @@ bool is_kernel_sysctl(const std::string& what) {
   return what == "kernel/sched_rt_runtime_us" || what == "kernel/timer_migration";
 }
 std::string sysctl_path(const std::string& what) { return "/proc/sys/" + what; }
+Value read_sysctl(const std::string& what) { return seen(read_file(sysctl_path(what)), "/proc/sys/kernel"); }
 
 bool is_numbered(const std::string& name, std::string_view prefix) {
   return name.starts_with(prefix) && name.size() > prefix.size() && name.size() < prefix.size() + 8 &&
@@ -50,6 +56,7 @@ bool is_cpu(const std::string& what) { return is_numbered(what, "cpu"); }
 std::string governor_path(const std::string& cpu) {
   return fmt::format("{}/{}/cpufreq/scaling_governor", cpus_folder, cpu);
 }
+Value read_governor(const std::string& cpu) { return seen(read_file(governor_path(cpu)), cpus_folder); }
 
 bool is_interrupt(const std::string& what) { return is_numbered(what.substr(0, what.find(':')), ""); }
 std::string interrupt_path(const std::string& what) {
@@ -58,7 +65,8 @@ std::string interrupt_path(const std::string& what) {
 // The kernel gives the number of a removed interrupt to another device.
 bool is_same_interrupt(const std::string& what) { return what == interrupt_here(std::stoi(what)); }
 Value read_interrupt(const std::string& what) {
-  return is_same_interrupt(what) ? read_file(interrupt_path(what)) : Value();
+  if (!is_same_interrupt(what)) return seen({}, "/sys/kernel/irq");
+  return seen(read_file(interrupt_path(what)), "/proc/irq");
 }
 void write_interrupt(const std::string& what, const Value& value, const Value&) {
   if (!is_same_interrupt(what))
@@ -69,8 +77,10 @@ void write_interrupt(const std::string& what, const Value& value, const Value&) 
 bool is_unbound(const std::string& what) { return what == "unbound"; }
 
 std::string threaded_path(const std::string& interface) {
-  return fmt::format("{}/{}/threaded", interfaces_folder, interface);
+  return folder_of_interface(interface) + "/threaded";
 }
+
+Value read_threaded(const std::string& interface) { return read_file(threaded_path(interface)); }
 
 // Only the write shows whether the interface has a NAPI that could have threads.
 void write_threaded(const std::string& interface, const Value& value) {
@@ -89,7 +99,7 @@ bool is_queue(const std::string& what) {
 }
 std::string steering_path(const std::string& what) {
   const auto slash = what.find('/');
-  return fmt::format("{}/{}/queues/{}/rps_cpus", interfaces_folder, what.substr(0, slash),
+  return fmt::format("{}/queues/{}/rps_cpus", folder_of_interface(what.substr(0, slash)),
                      what.substr(std::min(what.size(), slash + 1)));
 }
 
@@ -127,13 +137,34 @@ void write_steering(const std::string& queue, const Value& value) {
 }
 
 constexpr const char* workqueues_path = "/sys/devices/virtual/workqueue/cpumask";
-Value read_workqueues(const std::string&) { return read_mask(workqueues_path); }
+Value read_workqueues(const std::string&) { return seen(read_mask(workqueues_path), cpus_folder); }
 void write_workqueues(const std::string&, const Value& value, const Value&) {
   write_file(workqueues_path, mask_of_list(value.value_or("none")));
 }
 
+// The kernel has one sysfs for each network namespace, and mounts it again wherever it is asked to. False
+// where this process may not ask.
+bool sys_is_of_another_namespace() {
+  const process::Fd context(fsopen("sysfs", FSOPEN_CLOEXEC));
+  if (context.get() < 0 || fsconfig(context.get(), FSCONFIG_CMD_CREATE, nullptr, nullptr, 0) != 0)
+    return false;
+  const process::Fd own(fsmount(context.get(), FSMOUNT_CLOEXEC, 0));
+  struct stat here {
+  }, shown{};
+  return own.get() >= 0 && fstat(own.get(), &here) == 0 && stat("/sys", &shown) == 0 &&
+         here.st_dev != shown.st_dev;
+}
+
 }  // namespace
 
+std::string folder_of_interface(const std::string& name) {
+  if (sys_is_of_another_namespace())
+    throw journal::Error(fmt::format(
+        "/sys does not show interface {}: it is of another network namespace (nsenter --net?), or not "
+        "mounted. Fix: enter the namespace with ip netns exec, or mount -t sysfs sysfs /sys",
+        name));
+  return "/sys/class/net/" + name;
+}
 std::string interface_here(const std::string& name) {
   return fmt::format("{}:{}", if_nametoindex(name.c_str()), name);
 }
@@ -163,16 +194,15 @@ std::string name_of_interface(const std::string& interface_or_queue) {
 }
 
 const journal::Kind network_sysctl = {"network sysctl", Scope::network_namespace, is_network_sysctl,
-                                      read<sysctl_path>, write<sysctl_path>};
-const journal::Kind kernel_sysctl = {"kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>,
+                                      read_sysctl, write<sysctl_path>};
+const journal::Kind kernel_sysctl = {"kernel sysctl", Scope::machine, is_kernel_sysctl, read_sysctl,
                                      write<sysctl_path>};
-const journal::Kind governor = {"governor", Scope::machine, is_cpu, read<governor_path>,
-                                write<governor_path>};
+const journal::Kind governor = {"governor", Scope::machine, is_cpu, read_governor, write<governor_path>};
 const journal::Kind workqueues = {"workqueues", Scope::machine, is_unbound, read_workqueues,
                                   write_workqueues};
 const journal::Kind interrupt = {"interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt};
 const journal::Kind threaded =
-    kind_of_interface<read<threaded_path>, write_threaded>("threaded NAPI", is_interface);
+    kind_of_interface<read_threaded, write_threaded>("threaded NAPI", is_interface);
 const journal::Kind steering =
     kind_of_interface<read_steering, write_steering>("receive packet steering", is_queue);
 
@@ -201,7 +231,7 @@ std::vector<Thing> cpus_with_governor() {
 
 std::vector<Thing> receive_queues_of(const std::string& interface) {
   std::vector<Thing> found;
-  for (const auto& queue : names_in(fmt::format("{}/{}/queues", interfaces_folder, interface)))
+  for (const auto& queue : names_in(folder_of_interface(interface) + "/queues"))
     if (const auto what = interface_here(interface) + '/' + queue; is_queue(what) && steering.read(what))
       found.push_back({&steering, what});
   return found;

@@ -16,6 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 
 fs::path folder_of(const std::string& interface, const std::string& root = "") {
+  if (root.empty()) return folder_of_interface(interface);
   return fmt::format("{}/sys/class/net/{}", root, interface);
 }
 

@@ -38,6 +38,9 @@ struct Unknown : journal::Error {
 
 // An interface is "3:eth0": its index, and its name at that time. A renamed interface keeps its index.
 std::string interface_here(const std::string& name);
+// Its folder in /sys. Throws if /sys shows the interfaces of another network namespace than this thread's:
+// one of them may have that name.
+std::string folder_of_interface(const std::string& name);
 bool is_interface(const std::string& what);
 std::string name_of_interface(const std::string& interface_or_queue);  // "eth0", "eth0/rx-0"
 // Its current name; nullopt: no interface has that index. Throws if it seems to have been moved to another

@@ -172,7 +172,7 @@ Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
 }
 
 void refuse_bridge(Text interface) {
-  if (read_file(fmt::format("/sys/class/net/{}/bridge/bridge_id", interface)))
+  if (read_file(folder_of_interface(interface) + "/bridge/bridge_id"))
     throw journal::Error(fmt::format(
         "{0} is a bridge, which receives no packets itself. Fix: name one of its ports (bridge link)",
         interface));
