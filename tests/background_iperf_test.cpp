@@ -153,6 +153,8 @@ TEST_F(Iperf3, SaysWhatToInstall) {
   auto elsewhere = serving(7804);
   elsewhere.place = {"env", "PATH=/nonexistent"};  // where the end lives, another program looks for it
   EXPECT_THAT(error_of(elsewhere), HasSubstr("apt install iperf3"));
+  elsewhere.place = {"sh", "-c", "echo 'setpriv: Datei nicht gefunden'; exit 127"};
+  EXPECT_THAT(error_of(elsewhere), HasSubstr("apt install iperf3")) << "in any language";
 }
 
 }  // namespace

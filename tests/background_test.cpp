@@ -15,9 +15,11 @@
 
 #include <fcntl.h>
 #include <gmock/gmock.h>
+#include <linux/capability.h>
 #include <sched.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -378,10 +380,27 @@ TEST_F(Load, SaysWhatToInstall) {
   const std::string before = path != nullptr ? path : "";
   setenv("PATH", directory_.c_str(), 1);
   const auto said = error_of({1}, directory_);
+  std::ofstream(directory_ + "/env") << "#!/bin/sh\necho 'env: Datei nicht gefunden'\nexit 127\n";
+  fs::permissions(directory_ + "/env", fs::perms::owner_all);
+  const auto in_german = error_of({1}, directory_);
   setenv("PATH", before.c_str(), 1);
   // NOLINTEND(concurrency-mt-unsafe)
   EXPECT_THAT(said, HasSubstr("apt install stress-ng"));
+  EXPECT_THAT(in_german, HasSubstr("apt install stress-ng"));
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
+}
+
+// As in a container: the load would stay for ever.
+TEST_F(Load, IsNotStartedByARootThatCouldNotEndIt) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  std::thread([&] {
+    __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+    std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> sets{};
+    ASSERT_EQ(syscall(SYS_capget, &header, sets.data()), 0);
+    sets[0].effective &= ~(1U << CAP_KILL);
+    ASSERT_EQ(syscall(SYS_capset, &header, sets.data()), 0);
+    EXPECT_THAT(error_of({1}, directory_), HasSubstr("--cap-add KILL"));
+  }).join();
 }
 
 TEST(OutputOf, EndlessCommandTimesOut) {

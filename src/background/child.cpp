@@ -5,6 +5,7 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <system_error>
@@ -14,6 +15,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <linux/capability.h>
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
@@ -105,6 +107,13 @@ class SignalsBlocked {
   sigset_t before_;
 };
 
+// A root without it, as in a container that lacks it, may end no process of another user.
+bool may_end_others() {
+  const auto status = process::text_of("/proc/thread-self/status").value_or("");
+  const auto effective = process::field(status, "CapEff").value_or("0");
+  return (std::strtoull(effective.c_str(), nullptr, 16) >> CAP_KILL & 1U) != 0;
+}
+
 // The leader of a PID namespace ends after all its descendants; without a namespace they may end later.
 bool group_gone(pid_t group) {
   const auto all = processes();
@@ -143,6 +152,10 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 
 std::vector<std::string> as_nobody() {
   if (geteuid() != 0) return {};
+  if (!may_end_others())
+    throw Error(
+        "load and traffic run as the user nobody, and ontime may not end them: it lacks the capability KILL. "
+        "Fix: start the container with --cap-add KILL");
   // The kernel clears the parent-death signal when the user changes, so setpriv sets it again.
   return {"setpriv",
           fmt::format("--reuid={}", nobody),
@@ -174,6 +187,12 @@ bool Child::end() {
 
 // Does not reap the process: its id and its group's must not be reused yet.
 bool Child::ended() const { return pid_ < 0 || process::has_ended(pid_); }
+
+int Child::exit_code() const {
+  siginfo_t info{};
+  waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT);
+  return info.si_pid == pid_ && info.si_code == CLD_EXITED ? info.si_status : -1;
+}
 
 std::string output_of(const std::vector<std::string>& command, const std::string& package,
                       std::chrono::nanoseconds limit) {

@@ -29,8 +29,12 @@ Started start(const std::vector<std::string>& command, int output,
 inline constexpr uid_t nobody = 65534;
 
 // Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
-// with the thread that started it. None for a caller that is not root.
+// with the thread that started it. None for a caller that is not root. Throws Error for a root that could not
+// end it.
 std::vector<std::string> as_nobody();
+
+// The exit code of env, setpriv, chrt and a shell for a program that they do not find, in any language.
+inline constexpr int not_found = 127;
 
 // Owns such a process. The destructor ends it and its group, and waits; only some seconds if the kernel does
 // not let one go: that one is killed, and ends later.
@@ -44,7 +48,8 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
   pid_t pid() const { return pid_; }
-  bool ended() const;  // by itself
+  bool ended() const;     // by itself
+  int exit_code() const;  // with which it ended; -1: it runs, or was killed
 
  private:
   pid_t pid_;  // -1: nothing of it is left

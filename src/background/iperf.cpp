@@ -88,9 +88,10 @@ class Iperf final : public Traffic {
     wait_until([this] { return child_->ended() || (read(), ready()); }, time_to_start);
     if (child_->ended() || !ready()) {
       const char* const what = child_->ended() ? "ended at once" : "did not start in time";
+      const bool is_missing = child_->exit_code() == not_found;
       child_.reset();
       read();
-      fail(fmt::format("{}; its output:\n{}", what, said_));
+      fail(fmt::format("{}; its output:\n{}", what, said_), is_missing ? ENOENT : 0);
     }
   }
 

@@ -195,11 +195,10 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
               : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)
                                  : fmt::format("maps {} bytes in its vm workers, requested {} each",
                                                fmt::join(mapped, ", "), workers.vm_bytes);
+  const bool is_missing = child->exit_code() == not_found;
   child.reset();
   const auto said = output.text();
-  // These programs start stress-ng, and report that it is missing.
-  const bool is_others = said.starts_with("env:") || said.starts_with("setpriv:");
-  if (is_others && said.find("No such file or directory") != said.npos) throw missing();
+  if (is_missing) throw missing();
   throw Error(fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said));
 }
 
