@@ -302,6 +302,22 @@ TEST_F(RecordTest, KilledWriterLosesAtMostTheLastSecond) {
   EXPECT_GE(kept, expected);
 }
 
+TEST_F(RecordTest, LogOfARenamedFileIsNotLostToANewOne) {
+  kill_9([&](auto far_enough) {
+    Writer writer(path_);
+    writer.append(writer.begin_run({}), usual(0, 1000));
+    writer.flush();
+    far_enough();
+  });
+  const auto renamed = (folder_ / "renamed.db").string(), log = path_ + "-wal";
+  fs::rename(path_, renamed);
+  EXPECT_THAT(error_of([&] { Writer writer(path_); }), AllOf(HasSubstr(log), HasSubstr("renamed")));
+  EXPECT_FALSE(fs::exists(path_));
+  fs::rename(log, renamed + "-wal");
+  EXPECT_EQ(samples_of(Reader(renamed), 1).size(), 1000u);
+  EXPECT_EQ(Writer(path_).begin_run({}), 1);
+}
+
 TEST_F(RecordTest, ReadsInAReadOnlyPlace) {
   if (!mount_disk("size=8m")) GTEST_SKIP() << "mounting a tmpfs needs root";
   {

@@ -173,6 +173,14 @@ class Writer::Thread {
 
 Writer::Writer(const std::string& path) {
   std::error_code ignored;
+  // Else SQLite removes it, and with it the whole run of a killed Writer.
+  if (const auto log = path + "-wal"; !path.empty() && !std::filesystem::exists(path, ignored) &&
+                                      std::filesystem::is_regular_file(log, ignored) &&
+                                      std::filesystem::file_size(log, ignored) > 0)
+    throw WrongFile(fmt::format(
+        "{}: {} is the log of a results file that was renamed or removed, with its newest samples. "
+        "Rename it with that file (NAME-wal), or remove it.",
+        path, log));
   // Before SQLite does, which would make it wherever a link to nothing leads.
   const int file = path.empty() ? -1 : ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   std::optional<struct stat> made;
