@@ -402,6 +402,21 @@ TEST(Signals, IgnoredSignalsStayIgnored) {
   EXPECT_EQ(WEXITSTATUS(status), 7);
 }
 
+TEST(Signals, BlockedSignalsAreHeard) {
+  const pid_t child = fork();
+  if (child == 0) {
+    sigset_t all;
+    sigfillset(&all);
+    sigprocmask(SIG_BLOCK, &all, nullptr);
+    on_termination([](int) { _exit(7); });
+    raise(SIGTERM);
+    _exit(2);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_EQ(WEXITSTATUS(status), 7);
+}
+
 class Obedient final : public Worker {
  public:
   explicit Obedient(Events& events) : events_(events) {}

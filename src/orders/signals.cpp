@@ -6,6 +6,8 @@
 namespace ontime::orders {
 
 void on_termination(void (*handler)(int)) {
+  sigset_t handled;
+  sigemptyset(&handled);
   for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
     struct sigaction now {};
     sigaction(signal, nullptr, &now);
@@ -13,7 +15,9 @@ void on_termination(void (*handler)(int)) {
     struct sigaction action {};
     action.sa_handler = handler;
     sigaction(signal, &action, nullptr);
+    sigaddset(&handled, signal);
   }
+  pthread_sigmask(SIG_UNBLOCK, &handled, nullptr);  // a thread with blocked signals may have started us
   struct sigaction ignore {};
   ignore.sa_handler = SIG_IGN;
   sigaction(SIGPIPE, &ignore, nullptr);
