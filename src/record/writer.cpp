@@ -179,7 +179,7 @@ Writer::Writer(const std::string& path) {
                                       std::filesystem::file_size(log, ignored) > 0)
     throw WrongFile(fmt::format(
         "{}: {} is the log of a results file that was renamed or removed, with its newest samples. "
-        "Rename it with that file (NAME-wal), or remove it.",
+        "Fix: rename it with that file (NAME-wal), or remove it",
         path, log));
   // Before SQLite does, which would make it wherever a link to nothing leads.
   const int file = path.empty() ? -1 : ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
