@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <csignal>
 #include <exception>
+#include <filesystem>
 #include <utility>
 #include <vector>
 
@@ -54,6 +55,11 @@ int main(int argc, char** argv) {
     return 128 + SIGPIPE;  // if SIGPIPE is blocked
   } catch (const ontime::record::WrongFile& error) {
     return failed(2, error.what());
+  } catch (const std::filesystem::filesystem_error& error) {
+    std::error_code none;
+    return std::filesystem::current_path(none).empty()
+               ? failed(2, "the current folder was removed. Fix: cd to another")
+               : failed(3, error.what());
   } catch (const std::exception& error) {
     return failed(3, error.what());
   }

@@ -83,6 +83,12 @@ class Newcomer(unittest.TestCase):
             with self.subTest(name):
                 self.ontime("scenarios", name)
 
+    def test_a_current_folder_that_was_removed_is_named(self):
+        with tempfile.TemporaryDirectory() as folder:
+            answer = subprocess.run(["sh", "-c", 'mkdir "$1" && cd "$1" && rmdir "$1" && exec "$2" run demo', "sh", f"{folder}/gone", ONTIME],
+                                    capture_output=True, text=True)
+        self.assertEqual((answer.returncode, answer.stderr), (2, "ontime: the current folder was removed. Fix: cd to another\n"))
+
     def test_a_cpu_that_is_not_there_is_wrong_usage(self):
         said = self.ontime("ping", "--transport", "udp", "--loopback", "--cpus", "1000", code=2).stderr
         self.assertIn("--cpus", said)
