@@ -47,7 +47,7 @@ runs:
         scenario = self.scenario("2 s", text=self.TRAFFIC, transports=["udp"])
         answer = self.run_ontime("run", scenario, "--only", "too-much", "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("of 1e+05 Mbit/s", answer.stderr)
+        self.assertIn("of 100000 Mbit/s", answer.stderr)
         self.assertIn("TRAFFIC SHORTFALL", answer.stderr)
         self.assertIn("TRAFFIC SHORTFALL", answer.stdout)
         self.assertTrue(self.report()[0]["conditions"]["traffic"]["achieved"]["to_component"]["short"])
