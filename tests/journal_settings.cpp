@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is set on a machine, and whose the machine is meanwhile.
-#include <chrono>
+// What is set on a machine.
 #include <system_error>
-#include <thread>
 
-#include "journal_fixture.hpp"
+#include "journal_setting.hpp"
 
 namespace ontime::journal {
 namespace {
@@ -20,53 +18,6 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::SizeIs;
 using ::testing::StartsWith;
-
-// A thing that can be set: what stands in a file. Where it can be seen from and whether a reboot takes it is
-// the kind's; so is what it makes of a value.
-Value read_setting(const std::string& path) {
-  if (!fs::exists(path)) return {};
-  return read_file(path);
-}
-void write_setting(const std::string& path, const Value& value, const Value&) {
-  if (value == "impossible") throw Error("no such value");
-  if (value == "another is quicker") {
-    write_file(path, "another's");
-    throw MadeByAnother("it exists");
-  }
-  if (value == "no thread")
-    throw std::system_error(std::make_error_code(std::errc::resource_unavailable_try_again));
-  if (value)
-    write_file(path, *value == "9000" ? "4096" : *value);
-  else
-    fs::remove(path);
-}
-bool is_setting(const std::string& path) { return path.find("/ontime-setting") != path.npos; }
-
-constexpr Kind setting(const char* name, Scope scope, bool on_disk = false, bool needs_root = false) {
-  return {name, scope, is_setting, read_setting, write_setting, on_disk, needs_root};
-}
-const std::vector<Kind> settings = {
-    setting("governor", Scope::machine), setting("qdisc", Scope::network_namespace),
-    setting("file", Scope::machine, true), setting("privilege", Scope::machine, false, true)};
-const Kind& governor = settings[0];
-const Kind& qdisc = settings[1];
-
-class Settings : public Journals {
- protected:
-  void SetUp() override {
-    fs::create_directory(folder_);
-    write_file(one_, "powersave");
-  }
-  void TearDown() override {
-    fs::remove_all(folder_);
-    Journals::TearDown();
-  }
-
-  const fs::path folder_ = fs::temp_directory_path() / ("ontime-journal-test-" + std::to_string(getpid()));
-  const std::string one_ = folder_ / "ontime-setting-1", two_ = folder_ / "ontime-setting-2";
-};
-
-// --- settings
 
 TEST_F(Settings, ArePutBackInTheirOrder) {
   {
@@ -445,89 +396,6 @@ TEST_F(Settings, AreRestoredWhileAStoppedOntimeLocksTheFolder) {
     EXPECT_EQ(read_file(one_), "powersave");
   }
   EXPECT_THAT(revert_abandoned(settings), IsEmpty());
-}
-
-// --- whose the machine is
-
-TEST_F(Settings, OneChangesTheMachineAtATime) {
-  Victim holder([](Journal& journal) {
-    journal.held_for({4711, "ontime run\ndemo"});
-    return make_folder(journal);
-  });
-  Journal second(settings);
-  const auto refused = error_of([&] { second.change(governor, one_, "performance"); });
-  EXPECT_THAT(refused, AllOf(HasSubstr("process 4711 (\"ontime run demo\")"), HasSubstr("wait until")))
-      << "a keeper holds the machine for it";
-  EXPECT_EQ(read_file(one_), "powersave");
-  EXPECT_THAT(second.revert(), IsEmpty());
-  EXPECT_TRUE(fs::exists(holder.said()));
-  holder.kill_9();
-  second.hold();
-  EXPECT_FALSE(fs::exists(holder.said())) << "what a dead one left is cleared on the way";
-  second.change(governor, one_, "performance");
-  EXPECT_THAT(error_of([] { Journal().hold(); }), HasSubstr(std::to_string(getpid())));
-}
-
-TEST_F(Settings, AHolderThatIsAboutToEndIsWaitedFor) {
-  Journal ending;
-  ending.hold();
-  std::thread end([&] {
-    std::this_thread::sleep_for(std::chrono::milliseconds(300));
-    EXPECT_THAT(ending.revert(), IsEmpty());
-  });
-  Journal next;
-  EXPECT_NO_THROW(next.hold());
-  end.join();
-}
-
-TEST_F(Journals, WithoutChangesBlockNoOther) {
-  Journal one, two;
-  EXPECT_TRUE(there_is_no_folder());
-  make_folder(one);
-}
-
-class Processes : public Settings {
- protected:
-  // As in a container: other process ids, and a /proc that shows no others.
-  static void in_pid_namespace(const std::function<void()>& body) {
-    in_child([&] {
-      ASSERT_EQ(unshare(CLONE_NEWPID | CLONE_NEWNS), 0);
-      in_child([&] {
-        ASSERT_EQ(mount("proc", "/proc", "proc", 0, nullptr), 0);
-        ASSERT_EQ(getpid(), 1);
-        body();
-      });
-    });
-  }
-  void SetUp() override {
-    Settings::SetUp();
-    if (!test::has_own_run) GTEST_SKIP() << "needs root";
-  }
-};
-
-TEST_F(Processes, ProcessesOfAnotherPidNamespaceAreAlive) {
-  Journal journal;
-  const auto path = make_folder(journal);
-  in_pid_namespace([&] {
-    EXPECT_THAT(revert_abandoned(), IsEmpty());
-    EXPECT_TRUE(fs::exists(path));
-    Journal other;
-    EXPECT_THAT(error_of([&] { other.hold(); }), HasSubstr("another ontime changes this machine"));
-  });
-  EXPECT_TRUE(fs::exists(path));
-}
-
-TEST_F(Processes, EndedProcessesOfAnotherPidNamespaceAreGone) {
-  in_pid_namespace([&] {
-    Victim victim([](Journal& journal) { return make_folder(journal); });
-    EXPECT_THAT(revert_abandoned(), IsEmpty());
-    victim.kill_9();
-    write_file(folder_ / "said", victim.said());
-  });
-  const auto path = read_file(folder_ / "said");
-  EXPECT_TRUE(fs::exists(path));
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr(path))) << "though its mount namespace was another";
-  EXPECT_FALSE(fs::exists(path));
 }
 
 }  // namespace

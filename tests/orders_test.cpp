@@ -387,34 +387,37 @@ TEST(Program, HasItsPathAlsoOnceAnotherIsInstalledThere) {
   std::filesystem::remove(copy);
 }
 
-TEST(Signals, IgnoredSignalsStayIgnored) {
+// The exit code of a child that was given these signals, and then SIGTERM; 2: it did not hear that.
+template <class Given>
+int code_after(Given given) {
   const pid_t child = fork();
   if (child == 0) {
-    std::signal(SIGHUP, SIG_IGN);  // as nohup leaves it
-    on_termination([](int) { _exit(1); });
-    raise(SIGHUP);
+    given();
     on_termination([](int) { _exit(7); });
     raise(SIGTERM);
     _exit(2);
   }
   int status = 0;
   waitpid(child, &status, 0);
-  EXPECT_EQ(WEXITSTATUS(status), 7);
+  return WEXITSTATUS(status);
+}
+
+TEST(Signals, IgnoredSignalsStayIgnored) {
+  EXPECT_EQ(code_after([] {
+              std::signal(SIGHUP, SIG_IGN);  // as nohup leaves it
+              on_termination([](int) { _exit(1); });
+              raise(SIGHUP);
+            }),
+            7);
 }
 
 TEST(Signals, BlockedSignalsAreHeard) {
-  const pid_t child = fork();
-  if (child == 0) {
-    sigset_t all;
-    sigfillset(&all);
-    sigprocmask(SIG_BLOCK, &all, nullptr);
-    on_termination([](int) { _exit(7); });
-    raise(SIGTERM);
-    _exit(2);
-  }
-  int status = 0;
-  waitpid(child, &status, 0);
-  EXPECT_EQ(WEXITSTATUS(status), 7);
+  EXPECT_EQ(code_after([] {
+              sigset_t all;
+              sigfillset(&all);
+              sigprocmask(SIG_BLOCK, &all, nullptr);
+            }),
+            7);
 }
 
 class Obedient final : public Worker {
