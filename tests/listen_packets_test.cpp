@@ -10,9 +10,9 @@
 #include <gtest/gtest.h>
 #include <pcap/dlt.h>
 
+#include "listen/clock_steps.hpp"
 #include "listen/listen.hpp"
 #include "listen/packets.hpp"
-#include "listen/rows.hpp"
 #include "listen_rtps.hpp"
 
 namespace ontime::listen {
@@ -190,13 +190,17 @@ TEST(Frames, SendingHalfOnLoopbackIsLeftOut) {
 
 TEST(Frames, UnknownLinkTypeIsRefused) { EXPECT_THROW(Packets(DLT_IEEE802_11), Error); }
 
-// A file of libpcap with times in nanoseconds, in which a message was captured at each of these.
-std::string capture_of(const std::vector<std::int64_t>& times_ns) {
+constexpr std::array<unsigned, 4> other_writer{0, 0, 0x13, 0x03};
+
+// A file of libpcap with times in nanoseconds, in which a message was captured at each of these; from
+// `other_from` on, of another writer.
+std::string capture_of(const std::vector<std::int64_t>& times_ns, std::size_t other_from = SIZE_MAX) {
   Bytes file;
   add_little(file, 0xa1b23c4d, 4);
   add(file, {2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 0, 0, DLT_EN10MB, 0, 0, 0});
   for (std::size_t i = 0; i < times_ns.size(); ++i) {
-    const auto frame = frame_of(Rtps().data(i + 1).bytes, 0, 1500, false);
+    const auto frame =
+        frame_of(Rtps().data(i + 1, {}, i < other_from ? user_writer : other_writer).bytes, 0, 1500, false);
     add_little(file, static_cast<std::uint64_t>(times_ns[i]) / 1'000'000'000, 4);
     add_little(file, static_cast<std::uint64_t>(times_ns[i]) % 1'000'000'000, 4);
     for (int length = 0; length < 2; ++length) add_little(file, frame.size(), 4);
@@ -223,6 +227,24 @@ TEST(CaptureFile, NoPeriodGoesAcrossAStepBackOfItsClock) {
   EXPECT_EQ(findings.flows[0].messages, 20U);
   EXPECT_EQ(findings.flows[0].period.count(), 18U);
   EXPECT_THAT(findings.remarks, testing::Contains(testing::HasSubstr("the clock was set")));
+}
+
+// As a node that hangs when the clock is set.
+TEST(CaptureFile, WriterThatStopsWhereTheClockIsSetBackIsSilent) {
+  constexpr std::int64_t begin_ns = 1'700'000'000'000'000'000, period_ns = 10'000'000;
+  for (const std::int64_t back_ns : {3'600'000'000'000L, 2'000'000'000L, 0L}) {
+    std::vector<std::int64_t> times_ns;
+    for (int i = 0; i < 500; ++i) times_ns.push_back(begin_ns + i * period_ns - (i < 100 ? 0 : back_ns));
+    const auto path = capture_of(times_ns, 100);
+    const auto sensor =
+        in_pcap_file(path, {.deadline = std::chrono::milliseconds(500), .period = {}, .age = {}});
+    while (sensor->listen_for(std::chrono::milliseconds(1))) continue;
+    const auto flows = sensor->findings().flows;
+    std::filesystem::remove(path);
+    ASSERT_EQ(flows.size(), 2U);
+    EXPECT_NEAR(static_cast<double>(flows[0].silent_ns), 4e9, 0.02e9) << back_ns;
+    EXPECT_EQ(flows[1].silent_ns, 0) << back_ns;
+  }
 }
 
 TEST(ClockSteps, StepIsToldFromSlewing) {

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <optional>
 #include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 #include <pcap/pcap.h>
 
+#include "listen/clock_steps.hpp"
 #include "listen/listen.hpp"
 #include "listen/packets.hpp"
 #include "listen/wire.hpp"
@@ -48,8 +50,8 @@ class Capture final : public Sensor {
         return false;
       }
       if (count < 0) throw Error(fmt::format("listen: the capture failed: {}", pcap_geterr(handle_.get())));
-      end_doubt();
       read_ns_ = from.count();
+      end_doubt();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
     return true;
@@ -58,8 +60,8 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
-    judge_silence(findings.flows, limits_, is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_,
-                  clock_set_ns_);
+    judge_silence(findings.flows, limits_,
+                  is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
     clock_.remark(findings.remarks, "Periods and losses");
     if (!damage_.empty())
       findings.remarks.push_back(
@@ -92,19 +94,20 @@ class Capture final : public Sensor {
   // known: a step forward looks as if nothing had come.
   void note_time(std::int64_t at_ns) {
     constexpr std::int64_t set_back_ns = 1'000'000'000;
+    if (clock_set_ns_) return;
     const auto step_ns = at_ns - std::exchange(latest_ns_, at_ns);
     if (is_live_ || step_ns >= -set_back_ns) return;
     clock_.add(step_ns);
-    clock_set_ns_ = at_ns;
-    wire_.interrupt();
+    wire_.set_clock(at_ns, at_ns);
   }
 
   // What is in the ring may be of both times.
   void follow_clock(std::chrono::nanoseconds now) {
     const std::chrono::nanoseconds steady = std::chrono::steady_clock::now().time_since_epoch();
     if (clock_.look((now - steady).count(), steady.count(), machine::realtime_offset_ns) == 0) return;
-    clock_set_ns_ = now.count();
+    clock_set_ns_ = read_ns_ = now.count();
     latest_ns_ = 0;
+    wire_.set_clock(read_ns_, read_ns_);
     is_in_doubt_ = true;
   }
 
@@ -115,19 +118,22 @@ class Capture final : public Sensor {
     is_in_doubt_ = true;
   }
 
-  // The ring is empty: the dropped packets were before the next one, if not earlier.
+  // The ring is empty: the dropped packets, and those of another time, were before the next one.
   void end_doubt() {
     if (is_in_doubt_) wire_.interrupt();
+    if (clock_set_ns_) wire_.set_clock(*clock_set_ns_, std::max(*clock_set_ns_, read_ns_));
     is_in_doubt_ = false;
+    clock_set_ns_.reset();
   }
 
   Handle handle_;
   const bool is_live_;
   const Limits limits_;
-  std::int64_t latest_ns_ = 0;     // of the previous packet: the clock may be set back
-  std::int64_t clock_set_ns_ = 0;  // when it was set last, by what it then showed
+  std::int64_t latest_ns_ = 0;  // of the previous packet: the clock may be set back
+  std::int64_t read_ns_ = 0;    // of a live source: all until then was read
   ClockSteps clock_;
-  std::int64_t read_ns_ = 0;  // of a live source: all until then was read
+  std::optional<std::int64_t>
+      clock_set_ns_;  // what it then showed, as long as the ring may hold earlier ones
   Origin origin_;
   Packets packets_;
   Wire wire_;

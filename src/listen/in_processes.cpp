@@ -18,6 +18,7 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "listen/clock_steps.hpp"
 #include "listen/cost.hpp"
 #include "listen/event.h"
 #include "listen/library.hpp"

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <thread>
 
+#include "listen/clock_steps.hpp"
 #include "listen/listen.hpp"
 #include "listen/wire.hpp"
 #include "machine/machine.hpp"
@@ -27,11 +28,11 @@ class Reader final : public Sensor {
         if (was_set) wire_.interrupt();
         add(heard);
       });
-      if (was_set) {
-        wire_.interrupt();
-        clock_set_ns_ = from.count();
-      }
       read_ns_ = from.count();
+      if (was_set) {
+        const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+        wire_.set_clock(read_ns_, std::max(read_ns_, now.count()));
+      }
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
     return true;
@@ -39,7 +40,7 @@ class Reader final : public Sensor {
 
   Findings findings() const override {
     auto findings = wire_.findings();
-    judge_silence(findings.flows, limits_, read_ns_ - unread_ns, clock_set_ns_);
+    judge_silence(findings.flows, limits_, read_ns_ - unread_ns);
     clock_.remark(findings.remarks, "Periods and losses");
     for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
     findings.remarks.emplace_back(
@@ -72,8 +73,7 @@ class Reader final : public Sensor {
   const Limits limits_;
   Origin origin_;
   Wire wire_;
-  std::int64_t read_ns_ = 0;       // all until then was read
-  std::int64_t clock_set_ns_ = 0;  // when it was set last, by what it then showed
+  std::int64_t read_ns_ = 0;  // all until then was read
   ClockSteps clock_;
 };
 

@@ -58,6 +58,11 @@ void Wire::interrupt() {
   for (auto& [guid, stream] : streams_) stream.is_broken = true;
 }
 
+void Wire::set_clock(std::int64_t from_ns, std::int64_t until_ns) {
+  interrupt();
+  for (auto& [guid, stream] : streams_) stream.last_ns = std::clamp(stream.last_ns, from_ns, until_ns);
+}
+
 Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
   if (const auto found = streams_.find(writer); found != streams_.end()) return &found->second;
   if (streams_.size() == most_writers) {

@@ -31,6 +31,8 @@ class Wire {
   void name_topic(const rtps::Guid& writer, const std::string& dds_topic);
   // Packets before the next one are missing: no loss and no period is counted across the gap.
   void interrupt();
+  // The same where the clock was set, which has shown these times since: silence counts from then on.
+  void set_clock(std::int64_t from_ns, std::int64_t until_ns);
   // No packet follows: what is missing now is lost, and has its row.
   void end();
   Findings findings() const;
