@@ -155,6 +155,12 @@ TEST_F(Iperf3, SaysWhatToInstall) {
   EXPECT_THAT(error_of(elsewhere), HasSubstr("apt install iperf3"));
   elsewhere.place = {"sh", "-c", "echo 'setpriv: Datei nicht gefunden'; exit 127"};
   EXPECT_THAT(error_of(elsewhere), HasSubstr("apt install iperf3")) << "in any language";
+  elsewhere.place = {
+      "sh", "-c",
+      "echo 'iperf3: error while loading shared libraries: libsctp.so.1: cannot open shared object "
+      "file: No such file or directory'; exit 127"};
+  EXPECT_THAT(error_of(elsewhere),
+              testing::AllOf(HasSubstr("libsctp.so.1"), testing::Not(HasSubstr("apt install"))));
 }
 
 }  // namespace

@@ -34,6 +34,7 @@ using namespace std::chrono_literals;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 constexpr std::uint64_t mebibyte = 1 << 20;
 
@@ -383,10 +384,14 @@ TEST_F(Load, SaysWhatToInstall) {
   std::ofstream(directory_ + "/env") << "#!/bin/sh\necho 'env: Datei nicht gefunden'\nexit 127\n";
   fs::permissions(directory_ + "/env", fs::perms::owner_all);
   const auto in_german = error_of({1}, directory_);
+  std::ofstream(directory_ + "/env")
+      << "#!/bin/sh\necho 'stress-ng: error while loading shared libraries: libsctp.so.1'\nexit 127\n";
+  const auto without_library = error_of({1}, directory_);
   setenv("PATH", before.c_str(), 1);
   // NOLINTEND(concurrency-mt-unsafe)
   EXPECT_THAT(said, HasSubstr("apt install stress-ng"));
   EXPECT_THAT(in_german, HasSubstr("apt install stress-ng"));
+  EXPECT_THAT(without_library, AllOf(HasSubstr("libsctp.so.1"), Not(HasSubstr("apt install"))));
   EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
 }
 

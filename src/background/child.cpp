@@ -5,7 +5,6 @@
 #include <array>
 #include <cctype>
 #include <cerrno>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <system_error>
@@ -26,6 +25,7 @@
 
 #include "background/background.hpp"
 #include "process/process.hpp"
+#include "realtime/privileges.hpp"
 
 namespace ontime::background {
 namespace {
@@ -107,13 +107,6 @@ class SignalsBlocked {
   sigset_t before_;
 };
 
-// A root without it, as in a container that lacks it, may end no process of another user.
-bool may_end_others() {
-  const auto status = process::text_of("/proc/thread-self/status").value_or("");
-  const auto effective = process::field(status, "CapEff").value_or("0");
-  return (std::strtoull(effective.c_str(), nullptr, 16) >> CAP_KILL & 1U) != 0;
-}
-
 // The leader of a PID namespace ends after all its descendants; without a namespace they may end later.
 bool group_gone(pid_t group) {
   const auto all = processes();
@@ -152,7 +145,7 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 
 std::vector<std::string> as_nobody() {
   if (geteuid() != 0) return {};
-  if (!may_end_others())
+  if (!realtime::capable(CAP_KILL))
     throw Error(
         "load and traffic run as the user nobody, and ontime may not end them: it lacks the capability KILL. "
         "Fix: start the container with --cap-add KILL");
@@ -192,6 +185,11 @@ int Child::exit_code() const {
   siginfo_t info{};
   waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT);
   return info.si_pid == pid_ && info.si_code == CLD_EXITED ? info.si_status : -1;
+}
+
+bool is_of_missing_program(int exit_code, const std::string& output) {
+  // The dynamic loader has the same code, and names the library that is missing.
+  return exit_code == 127 && output.find("error while loading shared libraries") == output.npos;
 }
 
 std::string output_of(const std::vector<std::string>& command, const std::string& package,

@@ -33,8 +33,8 @@ inline constexpr uid_t nobody = 65534;
 // end it.
 std::vector<std::string> as_nobody();
 
-// The exit code of env, setpriv, chrt and a shell for a program that they do not find, in any language.
-inline constexpr int not_found = 127;
+// Whether a command ended because env, setpriv, chrt or a shell did not find its program, in any language.
+bool is_of_missing_program(int exit_code, const std::string& output);
 
 // Owns such a process. The destructor ends it and its group, and waits; only some seconds if the kernel does
 // not let one go: that one is killed, and ends later.

@@ -83,15 +83,17 @@ class Iperf final : public Traffic {
  public:
   explicit Iperf(const Stream& stream) : serves_(stream.serves), command_(command_for(stream)) {
     const auto started = start(command_, output_.in(), stream.groups);
-    if (started.pid < 0) fail(fmt::format("cannot be started: {}", errno_text(started.error)), started.error);
+    if (started.pid < 0)
+      fail(fmt::format("cannot be started: {}", std::generic_category().message(started.error)),
+           started.error == ENOENT);
     child_ = std::make_unique<Child>(started.pid);
     wait_until([this] { return child_->ended() || (read(), ready()); }, time_to_start);
     if (child_->ended() || !ready()) {
       const char* const what = child_->ended() ? "ended at once" : "did not start in time";
-      const bool is_missing = child_->exit_code() == not_found;
+      const auto code = child_->exit_code();
       child_.reset();
       read();
-      fail(fmt::format("{}; its output:\n{}", what, said_), is_missing ? ENOENT : 0);
+      fail(fmt::format("{}; its output:\n{}", what, said_), is_of_missing_program(code, said_));
     }
   }
 
@@ -102,12 +104,8 @@ class Iperf final : public Traffic {
   }
 
  private:
-  static std::string errno_text(int error) { return std::generic_category().message(error); }
-
-  [[noreturn]] void fail(const std::string& what, int error = 0) const {
-    const bool missing =
-        error == ENOENT || (said_.find("iperf3") != said_.npos && said_.find("No such file") != said_.npos);
-    if (missing) throw Error("traffic needs iperf3, which is not installed. Fix: sudo apt install iperf3");
+  [[noreturn]] void fail(const std::string& what, bool is_missing) const {
+    if (is_missing) throw Error("traffic needs iperf3, which is not installed. Fix: sudo apt install iperf3");
     throw Error(fmt::format("{} {}", fmt::join(command_, " "), what));
   }
 

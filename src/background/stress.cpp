@@ -195,10 +195,10 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
               : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)
                                  : fmt::format("maps {} bytes in its vm workers, requested {} each",
                                                fmt::join(mapped, ", "), workers.vm_bytes);
-  const bool is_missing = child->exit_code() == not_found;
+  const auto code = child->exit_code();
   child.reset();
   const auto said = output.text();
-  if (is_missing) throw missing();
+  if (is_of_missing_program(code, said)) throw missing();
   throw Error(fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said));
 }
 
