@@ -120,7 +120,7 @@ class Keeper final : public orders::Worker {
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       told_ = end_all();
-      std::ranges::move(journal_.revert(), std::back_inserter(told_));
+      add_new(told_, journal_.revert());
       events_.tell("closed", {{"notes", told_}});
     } else {
       throw orders::Error(3, "unknown order '" + order + "' (a bug: please report)");
@@ -140,10 +140,9 @@ class Keeper final : public orders::Worker {
   std::vector<std::string> give_back() noexcept override {
     try {
       auto notes = end_all();
-      std::ranges::move(journal_.revert(), std::back_inserter(notes));
+      add_new(notes, journal_.revert());
       // The connection may be gone, and then none of these is read: each is told again at the next start.
-      for (auto& line : journal::revert_abandoned(kinds(), journal::Tell::always))
-        if (std::ranges::find(notes, line) == notes.end()) notes.push_back(std::move(line));
+      add_new(notes, journal::revert_abandoned(kinds(), journal::Tell::always));
       std::erase_if(notes,
                     [this](const auto& line) { return std::ranges::find(told_, line) != told_.end(); });
       return notes;
@@ -158,6 +157,12 @@ class Keeper final : public orders::Worker {
     std::unique_ptr<background::StressLoad> running{};
     record::GivenLoad given{};
   };
+
+  // What could not be undone is tried again, and told once.
+  static void add_new(std::vector<std::string>& notes, std::vector<std::string> lines) {
+    for (auto& line : lines)
+      if (std::ranges::find(notes, line) == notes.end()) notes.push_back(std::move(line));
+  }
 
   static bool writes(const Load& load) { return load.running && load.given.hdd_bytes; }
 
