@@ -99,7 +99,9 @@ std::string way_of(const listen::Flow& flow) {
   const auto hz = flow.rate_hz();
   return fmt::format("{}  {} → {}  {} Hz", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
                      words_of(flow.reader, "(no reader seen)"),
-                     hz > 0 && hz < 0.95 ? fmt::format("{:.2g}", hz) : fmt::format("{:.1f}", hz));
+                     hz >= 0.95 || hz == 0 ? fmt::format("{:.1f}", hz)
+                     : hz >= 1e-4          ? fmt::format("{:.2g}", hz)
+                                           : fmt::format("{:.6f}", hz));  // no exponent
 }
 
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
