@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Who may use whom: CONTRIBUTING.md's table of rooms, what CMake links, and what the files include are one."""
+"""Who may use whom: CONTRIBUTING.md's table of rooms, what CMake links, and what the files include are one.
+
+And whose names are whose: files of a module are compiled together."""
 
 import pathlib
 import re
@@ -49,6 +51,29 @@ def reachable(room):
                 seen.add(other)
                 waiting.append(other)
     return seen
+
+
+NO_CODE = re.compile(r'//[^\n]*|R"(\w*)\(.*?\)\1"|"(?:[^"\\\n]|\\.)*"', re.S)
+FUNCTION = re.compile(r"^(?!using |namespace |class |struct |enum |template|#)[\w\[][\w:<>,&*\[\] ]*?[ &*>](\w+)\(", re.MULTILINE)
+
+
+def functions(text, between=r"(?s:.*)"):
+    """The free functions of a file, or of what \1 of `between` is in it."""
+    text = NO_CODE.sub("", text)
+    return {name for part in re.finditer(between, text) for name in FUNCTION.findall(part[part.re.groups])}
+
+
+class Names(unittest.TestCase):
+    def test_functions_of_unnamed_namespaces_share_no_name(self):
+        """If two in a module have one name, the call may go to the one that its author did not know."""
+        rooms = [path.parent for top in (SRC, ROOT / "apps") for path in top.rglob("CMakeLists.txt") if path.parent != top]
+        self.assertGreater(len(rooms), 30)
+        for room in rooms:
+            taken = {name: header.name for header in room.glob("*.hpp") for name in functions(header.read_text())}
+            for file in sorted(room.glob("*.cpp")):
+                for name in functions(file.read_text(), r"(?ms)^namespace \{$(.*?)^\}"):
+                    with self.subTest(room=room.name, name=name):
+                        self.assertEqual(taken.setdefault(name, file.name), file.name)
 
 
 class Rooms(unittest.TestCase):

@@ -16,7 +16,7 @@ namespace ontime::app {
 namespace {
 
 // The possible values, from a type name such as "on|off"; none if there are others.
-std::vector<std::string> words_of(const Option& option) {
+std::vector<std::string> spellings_of(const Option& option) {
   auto words = table::split(option.type_name(), '|');
   std::erase(words, "");
   const auto is_word = [](const std::string& one) {
@@ -49,7 +49,7 @@ struct Cases {
       if (option.is_positional() && kind.empty()) kind = kind_of(option.name());
       const auto flags = option.flags();
       next.insert(next.end(), flags.begin(), flags.end());
-      const auto few = words_of(option);
+      const auto few = spellings_of(option);
       if (!option.takes_value() || (few.empty() && option.may_stand_alone())) continue;
       for (const auto& flag : flags)
         values += fmt::format("    '{} {}') words='{}' kind='{}' ;;\n", path, flag, fmt::join(few, " "),

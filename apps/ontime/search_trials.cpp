@@ -26,13 +26,13 @@ constexpr const char *run_note = "search", *goal_note = "search-goal", *about_no
 constexpr int most_attempts = 3;
 constexpr auto pause = 5s;
 
-std::string text_of(const search::Order& order, const std::string& without_settings = words_of({})) {
+std::string order_text(const search::Order& order, const std::string& without_settings = words_of({})) {
   return fmt::format("search, trial {}, run {}: {}", order.trial, order.number,
                      order.set.empty() ? without_settings : words_of(order.set));
 }
 
 // As results files have it, also those of earlier versions.
-std::string note_of(const search::Order& order) { return text_of(order, "nothing"); }
+std::string note_of(const search::Order& order) { return order_text(order, "nothing"); }
 
 bool is_of_a_search(const record::Run& run) {
   const auto& words = run.asked.command_line;
@@ -230,7 +230,7 @@ std::optional<search::Answer> Trials::measured(const search::Order& order,
     const auto runs = writer.reader().runs();
     return runs.empty() ? 0 : runs.back().number;
   };
-  places_.terminal.note(text_of(order));
+  places_.terminal.note(order_text(order));
   const auto before = last();
   const int code = campaign::execute(scenario, writer, places_.terminal, places_.interrupts, command_line());
   if (code == 130 || places_.interrupts > 0) return stop("interrupted", 130);

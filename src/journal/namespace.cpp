@@ -22,7 +22,7 @@ namespace {
 constexpr const char* folder = "/run/netns";
 constexpr const char* own = "/proc/thread-self/ns/net";
 
-Error trouble(const std::string& name, const char* what, int error) {
+Error namespace_trouble(const std::string& name, const char* what, int error) {
   return Error(fmt::format("network namespace {} cannot be {}: {}", name, what,
                            std::generic_category().message(error)));
 }
@@ -32,7 +32,7 @@ bool accepts(const std::string& name) { return is_own_name(name); }
 Value read(const std::string& name) {
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
   if (fd.get() < 0 && errno == ENOENT) return {};
-  if (fd.get() < 0) throw trouble(name, "read", errno);
+  if (fd.get() < 0) throw namespace_trouble(name, "read", errno);
   auto identity = network_identity(fd.get());
   struct stat found {};
   if (!identity.empty() || (fstat(fd.get(), &found) == 0 && S_ISREG(found.st_mode) && found.st_size == 0))
@@ -42,34 +42,34 @@ Value read(const std::string& name) {
 
 // As `ip netns` does it: all mount namespaces see what is mounted in the folder.
 void make_folder(const std::string& name) {
-  if (mkdir(folder, 0755) != 0 && errno != EEXIST) throw trouble(name, "made", errno);
+  if (mkdir(folder, 0755) != 0 && errno != EEXIST) throw namespace_trouble(name, "made", errno);
   if (mount("", folder, "none", MS_SHARED | MS_REC, nullptr) == 0) return;
   if (errno != EINVAL || mount(folder, folder, "none", MS_BIND | MS_REC, nullptr) != 0 ||
       mount("", folder, "none", MS_SHARED | MS_REC, nullptr) != 0)
-    throw trouble(name, "made", errno);
+    throw namespace_trouble(name, "made", errno);
 }
 
 void make_name(const std::string& name) {
   make_folder(name);
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0));
-  if (fd.get() < 0 && errno == EEXIST) throw MadeByAnother(trouble(name, "made", errno).what());
-  if (fd.get() < 0) throw trouble(name, "made", errno);
+  if (fd.get() < 0 && errno == EEXIST) throw MadeByAnother(namespace_trouble(name, "made", errno).what());
+  if (fd.get() < 0) throw namespace_trouble(name, "made", errno);
 }
 
 // Unmounts it in this mount namespace; in all others the mount ends with the file.
 void unmount(const std::string& name, const Value& present) {
   while (read(name) == present)
     if (umount2(namespace_path(name).c_str(), MNT_DETACH | UMOUNT_NOFOLLOW) != 0)
-      throw trouble(name, "removed", errno);
+      throw namespace_trouble(name, "removed", errno);
 }
 
 void write(const std::string& name, const Value& value, const Value& present) {
   const auto path = namespace_path(name);
   if (!value) {
-    if (read(name) != "") throw trouble(name, "removed", EBUSY);
-    if (unlink(path.c_str()) != 0) throw trouble(name, "removed", errno);
+    if (read(name) != "") throw namespace_trouble(name, "removed", EBUSY);
+    if (unlink(path.c_str()) != 0) throw namespace_trouble(name, "removed", errno);
   } else if (!value->empty()) {
-    if (mount(own, path.c_str(), "none", MS_BIND, nullptr) != 0) throw trouble(name, "made", errno);
+    if (mount(own, path.c_str(), "none", MS_BIND, nullptr) != 0) throw namespace_trouble(name, "made", errno);
   } else if (!present) {
     make_name(name);
   } else {
@@ -79,7 +79,7 @@ void write(const std::string& name, const Value& value, const Value& present) {
 
 // In a separate thread: only that thread enters the new namespace, and it ends afterwards.
 void make(Journal& journal, const std::string& name) {
-  if (unshare(CLONE_NEWNET) != 0) throw trouble(name, "made", errno);
+  if (unshare(CLONE_NEWNET) != 0) throw namespace_trouble(name, "made", errno);
   const Fd itself(open(own, O_RDONLY | O_CLOEXEC));
   journal.change(namespace_kind, name, network_identity(itself.get()));
 }
@@ -90,7 +90,7 @@ void enter(const std::string& name) {
   if (fd.get() < 0 || setns(fd.get(), CLONE_NEWNET) != 0 || unshare(CLONE_NEWNS) != 0 ||
       mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0 ||
       mount("sysfs", "/sys", "sysfs", 0, nullptr) != 0)
-    throw trouble(name, "entered", errno);
+    throw namespace_trouble(name, "entered", errno);
 }
 
 }  // namespace
@@ -110,7 +110,7 @@ std::optional<std::string> namespace_name(const std::string& identity) {
 
 void within_namespace(const std::string& name, const std::function<void()>& action) {
   if (name.empty()) return action();
-  if (name.find('/') != name.npos || name == "." || name == "..") throw trouble(name, "entered", EINVAL);
+  if (name.find('/') != name.npos || name == "." || name == "..") throw namespace_trouble(name, "entered", EINVAL);
   const auto inside = [&] {
     enter(name);
     action();

@@ -17,7 +17,7 @@ constexpr Registers as_called{ontime_argument_1, ontime_argument_2, ontime_argum
 constexpr std::size_t most_instructions = 16;  // that a place may be away from the first byte
 
 // The register of 64 bits that this one is a part of, as event.h numbers it; 0: none of those.
-std::uint8_t whole_of(unsigned reg) {
+std::uint8_t whole_register(unsigned reg) {
   static const std::map<unsigned, std::uint8_t> names = [] {
     std::map<unsigned, std::uint8_t> all;
     const auto add = [&](std::uint8_t number, std::initializer_list<unsigned> parts) {
@@ -141,11 +141,11 @@ class Arguments {
     std::optional<std::size_t> copied;
     // 32 bits of an argument are copied where it has no more.
     if (one.id == X86_INS_MOV && x86.operands[1].type == X86_OP_REG && x86.operands[1].size >= 4)
-      if (const auto from = held_.find(whole_of(x86.operands[1].reg)); from != held_.end())
+      if (const auto from = held_.find(whole_register(x86.operands[1].reg)); from != held_.end())
         copied = from->second;
-    if (!code_.each_written(one, [&](auto reg) { held_.erase(whole_of(reg)); })) held_.clear();
+    if (!code_.each_written(one, [&](auto reg) { held_.erase(whole_register(reg)); })) held_.clear();
     if (copied && x86.operands[0].type == X86_OP_REG)
-      if (const auto to = whole_of(x86.operands[0].reg); to != 0) held_[to] = *copied;
+      if (const auto to = whole_register(x86.operands[0].reg); to != 0) held_[to] = *copied;
   }
 
  private:
@@ -168,7 +168,7 @@ std::optional<std::uint64_t> callee_of(const Disassembly& code) {
   for (auto one = std::next(call); one != all.end(); ++one) {
     if (code.is_return(*one)) return Disassembly::target_of(*call);
     bool keeps_result = !code.passes_control(*one);
-    keeps_result &= code.each_written(*one, [&](auto reg) { keeps_result &= whole_of(reg) != ontime_rax; });
+    keeps_result &= code.each_written(*one, [&](auto reg) { keeps_result &= whole_register(reg) != ontime_rax; });
     if (!keeps_result) return {};
   }
   return {};

@@ -23,7 +23,7 @@ constexpr std::uint64_t most_section_bytes = 64 << 20;
 constexpr std::size_t longest_instruction = 15;
 
 // Offset in the file of an address in memory; empty: no segment has it.
-std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
+std::optional<std::uint64_t> file_offset(Elf* elf, std::uint64_t address) {
   std::size_t segments = 0;
   if (elf_getphdrnum(elf, &segments) != 0) return {};
   for (std::size_t i = 0; i < segments; ++i) {
@@ -76,7 +76,7 @@ Library::Library(const std::string& path, const Names& functions) {
       if (GELF_ST_TYPE(symbol.st_info) != STT_FUNC || symbol.st_shndx == SHN_UNDEF) continue;
       const char* const name = elf_strptr(elf.get(), shape.sh_link, symbol.st_name);
       if (name == nullptr || !functions.contains(name) || functions_.contains(name)) continue;
-      const auto offset = offset_of(elf.get(), symbol.st_value);
+      const auto offset = file_offset(elf.get(), symbol.st_value);
       if (!offset) continue;
       auto& function = functions_[name];
       function.address = symbol.st_value;
@@ -84,7 +84,7 @@ Library::Library(const std::string& path, const Names& functions) {
       function.bytes = bytes_at(file.get(), *offset, std::min<std::size_t>(symbol.st_size, most_code_bytes));
       function.is_whole = function.bytes.size() == symbol.st_size;
       if (const auto callee = exit_of(function.code()).callee)
-        if (const auto at = offset_of(elf.get(), *callee))
+        if (const auto at = file_offset(elf.get(), *callee))
           if (begins_cheaply({bytes_at(file.get(), *at, longest_instruction), *callee, false}))
             function.cheap_callee = *at;
     }

@@ -21,7 +21,7 @@ using State = Answer::State;
 
 constexpr std::size_t few_lines = 2, most_lines = 6;  // of a caution
 
-std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
+std::string spread_cell(const std::optional<Answer::Spread>& spread, bool whole) {
   if (!spread) return nothing;
   const auto low = milliseconds(spread->low_ns), high = milliseconds(spread->high_ns);
   const auto* const at_least = spread->is_least ? "≥ " : "";
@@ -95,7 +95,7 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
     const bool same = id == before;
     before = id;
     table.rows.push_back({same ? "" : id, row.name, missed_of(row, !same_cycles), wait_of(row),
-                          cell_of(row.p50, false), cell_of(row.p99, true),
+                          spread_cell(row.p50, false), spread_cell(row.p99, true),
                           row.max_ns ? milliseconds(*row.max_ns) : nothing, word_of(row)});
   }
   // Names tell runs apart: where an id leaves no space for them, it stands on a line of its own.

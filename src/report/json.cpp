@@ -17,7 +17,7 @@ using nlohmann::ordered_json;
 double in_us(double ns) { return std::round(ns) / 1e3; }
 double in_us(std::int64_t ns) { return static_cast<double>(ns) / 1e3; }
 
-ordered_json json_of(const statistics::Distribution& of) {
+ordered_json object_of(const statistics::Distribution& of) {
   if (of.count == 0) return nullptr;
   ordered_json json{{"min", in_us(of.min)}, {"mean", in_us(of.mean)}};
   for (const auto& row : statistics::percentiles) json[row.name] = in_us(of[row.figure]);
@@ -26,7 +26,7 @@ ordered_json json_of(const statistics::Distribution& of) {
 }
 
 ordered_json wake_up_of(const statistics::Summary& summary) {
-  auto wake_up = json_of(summary.wake_up);
+  auto wake_up = object_of(summary.wake_up);
   for (const auto& row : statistics::percentiles)
     if (statistics::is_lower_bound(summary, row.figure)) wake_up[row.name] = nullptr;
   return wake_up;
@@ -146,13 +146,13 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["skipped_cycles"] = summary.skipped_cycles;
   run.update(some_of(outcome, {"trailing_cycles", "duplicates", "strays", "reordered", "wrong_size",
                                "wrong_server_times", "refused_sends", "dropped_records"}));
-  run["round_trip_us"] = json_of(summary.round_trip);
-  run["response_us"] = json_of(summary.response);
+  run["round_trip_us"] = object_of(summary.round_trip);
+  run["response_us"] = object_of(summary.response);
   run["wake_up_us"] = wake_up_of(summary);
-  run["server_us"] = json_of(summary.server);
+  run["server_us"] = object_of(summary.server);
   const auto parts = summary.parts.value_or(statistics::Parts{});
-  run["request_leg_us"] = json_of(parts.there);
-  run["reply_leg_us"] = json_of(parts.back);
+  run["request_leg_us"] = object_of(parts.there);
+  run["reply_leg_us"] = object_of(parts.back);
   // Earlier names, kept for one version; so is `background` below.
   run["there_us"] = run["request_leg_us"];
   run["back_us"] = run["reply_leg_us"];
