@@ -145,10 +145,17 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 
 std::vector<std::string> as_nobody() {
   if (geteuid() != 0) return {};
-  if (!realtime::capable(CAP_KILL))
-    throw Error(
-        "load and traffic run as the user nobody, and ontime may not end them: it lacks the capability KILL. "
-        "Fix: start the container with --cap-add KILL");
+  // To start it, to enter its folder, to end it.
+  for (const auto& [capability, name] : {std::pair(CAP_SETUID, "SETUID"),
+                                         {CAP_SETGID, "SETGID"},
+                                         {CAP_CHOWN, "CHOWN"},
+                                         {CAP_DAC_OVERRIDE, "DAC_OVERRIDE"},
+                                         {CAP_KILL, "KILL"}})
+    if (!realtime::capable(capability))
+      throw Error(
+          fmt::format("load and traffic run as the user nobody: for that, ontime lacks the capability {0}. "
+                      "Fix: start the container with --cap-add {0}",
+                      name));
   // The kernel clears the parent-death signal when the user changes, so setpriv sets it again.
   return {"setpriv",
           fmt::format("--reuid={}", nobody),

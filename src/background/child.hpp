@@ -29,8 +29,8 @@ Started start(const std::vector<std::string>& command, int output,
 inline constexpr uid_t nobody = 65534;
 
 // Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
-// with the thread that started it. None for a caller that is not root. Throws Error for a root that could not
-// end it.
+// with the thread that started it. None for a caller that is not root. Throws Error for a root that lacks
+// a capability for that.
 std::vector<std::string> as_nobody();
 
 // Whether a command ended because env, setpriv, chrt or a shell did not find its program, in any language.

@@ -42,10 +42,11 @@ void add(std::vector<std::string>& command, const char* kind, int workers, std::
 }
 
 // Its files lie in its working directory, so the user nobody needs no access to the folders above.
-std::vector<std::string> command_for(const Workers& workers, const std::string& directory) {
+std::vector<std::string> command_for(const Workers& workers, const std::vector<std::string>& prefix,
+                                     const std::string& directory) {
   constexpr const char* for_ever = "0";  // without it, stress-ng ends after a day
   std::vector<std::string> command = {"env", "--chdir=" + directory};
-  for (auto& word : as_nobody()) command.push_back(std::move(word));
+  command.insert(command.end(), prefix.begin(), prefix.end());
   // A worker that is killed because memory ran out is missed at the end; stress-ng would start another.
   command.insert(command.end(), {"stress-ng", "--temp-path", ".", "--timeout", for_ever, "--oomable"});
   add(command, "cpu", workers.cpu);
@@ -165,8 +166,9 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
                                    const Groups& groups) {
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
   if (wanted == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
+  const auto prefix = as_nobody();  // names a missing capability, without which there is no folder either
   auto folder = std::make_unique<Folder>(directory);
-  const auto command = command_for(workers, folder->path());
+  const auto command = command_for(workers, prefix, folder->path());
   const process::Memory output;
   const auto started = start(command, output.fd(), groups);
   if (started.error == ENOENT) throw missing();
