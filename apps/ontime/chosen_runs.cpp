@@ -73,7 +73,7 @@ std::vector<statistics::Summary> summaries_of(const record::Reader& reader,
     const auto messages = run.asked.keeps_worst() ? 0 : run.outcome.counters.sent;
     if (messages > many || std::chrono::steady_clock::now() - begun > std::chrono::seconds(2))
       terminal.does(fmt::format("reading run {}, {} of {}{}", run.number, summaries.size() + 1, runs.size(),
-                                messages > 0 ? fmt::format(": {} messages", report::grouped(messages)) : ""));
+                                messages > 0 ? fmt::format(": {} messages", table::grouped(messages)) : ""));
     summaries.push_back(statistics::summarise(reader, run));
   }
   return summaries;

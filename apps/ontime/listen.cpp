@@ -394,14 +394,16 @@ class Listening {
     if (findings.sensor_lost > 0)
       print_error(
           fmt::format("the sensor dropped {} events: losses and periods across these gaps are not counted",
-                      findings.sensor_lost));
+                      table::grouped(findings.sensor_lost)));
     if (const auto count = misses_left_out(findings); count > 0)
-      print_error(fmt::format("{} late ages and periods are counted but not listed: buffer full", count));
+      print_error(fmt::format("{} late ages and periods are counted but not listed: buffer full",
+                              table::grouped(count)));
     if (forgotten.flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed: {} messages in total; {} of these "
                       "flows missed a limit",
-                      forgotten.flows, forgotten.messages, forgotten.with_misses));
+                      table::grouped(forgotten.flows), table::grouped(forgotten.messages),
+                      table::grouped(forgotten.with_misses)));
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 

@@ -16,6 +16,7 @@ namespace {
 
 using app::json_of;
 using nlohmann::ordered_json;
+using table::grouped;
 
 std::string topic_of(const std::string& topic) {
   return topic.empty() ? "(unknown topic)" : table::printable(topic);
@@ -112,13 +113,13 @@ std::string open_age_of(const listen::Flow& flow) {
   if (!is_age_known(flow)) return fmt::format("the age of {} is unknown", topic_of(flow.topic));
   std::string text;
   if (const auto unknown = flow.age_unknown.value_or(0); unknown > 0)
-    text = fmt::format("the age of {} of {} messages of {} is unknown", unknown, flow.messages,
-                       topic_of(flow.topic));
+    text = fmt::format("the age of {} of {} messages of {} is unknown", grouped(unknown),
+                       grouped(flow.messages), topic_of(flow.topic));
   if (const auto ahead = flow.stamp_ahead.value_or(0); ahead > 0)
     text += fmt::format(
         "{}{} of {} stamps of {} are later than the recording, and these ages count as 0: the writer's clock "
         "is ahead. Fix: synchronize the clocks (PTP, chrony)",
-        text.empty() ? "" : "; ", ahead, flow.messages, topic_of(flow.topic));
+        text.empty() ? "" : "; ", grouped(ahead), grouped(flow.messages), topic_of(flow.topic));
   return text;
 }
 
@@ -141,20 +142,21 @@ std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);
   const bool by_age = limits.age && !lacks_age, by_period = limits.longest_gap().has_value();
   if (by_age || by_period)
-    text += fmt::format(" late {} of {}{} ", flow.late,
-                        !by_age     ? flow.period.count()
-                        : by_period ? flow.messages - flow.not_judged
-                                    : flow.age->count() - ahead,
+    text += fmt::format(" late {} of {}{} ", grouped(flow.late),
+                        grouped(!by_age     ? flow.period.count()
+                                : by_period ? flow.messages - flow.not_judged
+                                            : flow.age->count() - ahead),
                         lacks_age ? " (by period only)" : "");
   else if (lacks_age)
     text += " late unknown ";
-  if (unknown > 0) text += fmt::format(" age unknown {} ", unknown);
-  if (ahead > 0) text += fmt::format(" stamp ahead {} ", ahead);
-  if (flow.not_judged > 0) text += fmt::format(" not judged {} ", flow.not_judged);
+  if (unknown > 0) text += fmt::format(" age unknown {} ", grouped(unknown));
+  if (ahead > 0) text += fmt::format(" stamp ahead {} ", grouped(ahead));
+  if (flow.not_judged > 0) text += fmt::format(" not judged {} ", grouped(flow.not_judged));
   if (flow.silent_ns > 0) text += fmt::format(" SILENT {} ", silence_of(flow));
-  text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
-  if (flow.lost_not_judged > 0) text += fmt::format("(and {} not judged) ", flow.lost_not_judged);
-  return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
+  text += flow.lost ? fmt::format(" lost {} ", grouped(*flow.lost)) : " lost unknown ";
+  if (flow.lost_not_judged > 0) text += fmt::format("(and {} not judged) ", grouped(flow.lost_not_judged));
+  return text +
+         fmt::format(" duplicated {}  out of order {}\n", grouped(flow.duplicated), grouped(flow.reordered));
 }
 
 record::Note note_of(const listen::Miss& miss, std::chrono::nanoseconds limit, bool with_date,

@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
+#include "table/table.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "run_flags.hpp"
@@ -64,7 +65,7 @@ void add_pong(Command& app) {
       throw;
     }
     keep();
-    if (served.answered) print(fmt::format("answered {} messages\n", *served.answered));
+    if (served.answered) print("answered " + table::many(*served.answered, "message", "messages") + "\n");
     return was_stopped() ? 0 : code;  // a service that is stopped has not failed
   });
 }

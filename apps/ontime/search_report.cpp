@@ -52,8 +52,9 @@ const char* unit_of(const search::Limit& limit) {
 // holds, on a second line the one-sided limit of the proof: "proven: less than 0.09 % (goal: 0.1 %), if they
 // come in bursts of up to 5".
 std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
-  auto text = fmt::format("{}: {:.0f} of {:.0f} {} break it", limit.text, share.events, share.messages,
-                          unit_of(limit));
+  auto text = fmt::format("{}: {} of {} {} break it", limit.text,
+                          table::grouped(static_cast<std::uint64_t>(share.events)),
+                          table::grouped(static_cast<std::uint64_t>(share.messages)), unit_of(limit));
   if (proof == nullptr)
     return text + fmt::format(", 95 % confidence interval [{}, {}] %", percent(share.range.low),
                               percent(share.range.high));

@@ -8,6 +8,7 @@
 #include <fmt/ranges.h>
 
 #include "gate/gate.hpp"
+#include "table/table.hpp"
 
 namespace ontime::gate {
 namespace {
@@ -17,6 +18,7 @@ using statistics::Answer;
 using statistics::Figure;
 using statistics::Interval;
 using statistics::Summary;
+using table::grouped;
 using Result = Judgement::Result;
 
 bool is_share(const Gate& gate) { return statistics::metric_of(gate.figure).is_share; }
@@ -72,8 +74,9 @@ std::string too_short_words(const Question& question) {
   const auto& of = question.of.at_most;
   const double needed = statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
   if (static_cast<double>(of.messages) >= needed) return "";
-  return fmt::format("{} messages are too few, it takes at least {:.0f}: measure longer", of.messages,
-                     std::ceil(needed));
+  return fmt::format(
+      "{} messages are too few, it takes at least {}: measure longer", grouped(of.messages),
+      needed < 1e15 ? grouped(static_cast<std::uint64_t>(std::ceil(needed))) : fmt::format("{:.0e}", needed));
 }
 
 // All were slower than the limit: however they depend on one another, the run did not keep to it.
@@ -93,8 +96,8 @@ Answer answer_by_share(const Question& question, bool is_above) {
 
 std::string slower_words(const statistics::Between& slower) {
   const auto least = slower.at_least.events, most = slower.at_most.events;
-  return fmt::format("{}{} of {} slower", least < most ? fmt::format("{} to ", least) : "", most,
-                     slower.at_most.messages);
+  return fmt::format("{}{} of {} slower", least < most ? grouped(least) + " to " : "", grouped(most),
+                     grouped(slower.at_most.messages));
 }
 
 // A lost message has no time. Where more were lost than the metric leaves above itself, it keeps to the limit
@@ -110,14 +113,15 @@ Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summar
   if (judged.result != Result::held || gate.figure == Figure::lost) return judged;
   if (is_of_too_few_answers(gate, run)) {
     judged.is_sure = false;
-    judged.says += fmt::format("; but {} of {} messages were lost and are not included", run.lost, run.sent);
+    judged.says += fmt::format("; but {} of {} messages were lost and are not included", grouped(run.lost),
+                               grouped(run.sent));
   }
   if (gate.times != statistics::Times::round_trip) return judged;
   const auto waited = run.late_by_response.value_or(0);
   if (waited <= run.late + run.lost) return judged;
   judged.is_sure = false;
-  judged.says += fmt::format("; but {} of {} cycles had no answer in time (see response {})", waited,
-                             run.sent + run.skipped_cycles, figure_of(gate));
+  judged.says += fmt::format("; but {} of {} cycles had no answer in time (see response {})", grouped(waited),
+                             grouped(run.sent + run.skipped_cycles), figure_of(gate));
   return judged;
 }
 
@@ -128,8 +132,9 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
   if (!count) return judgement(gate, name_of(run), Result::cannot_judge, "the record has no deadline");
   return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
-                by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
-                            : fmt::format("{} of {} messages", *count, run.sent)),
+                by_response
+                    ? fmt::format("{} of {} cycles", grouped(*count), grouped(run.sent + run.skipped_cycles))
+                    : fmt::format("{} of {} messages", grouped(*count), grouped(run.sent))),
       gate, run);
 }
 
@@ -293,7 +298,7 @@ std::string unfit(const Summary& run) {
     case Flaw::worst_only:
       return "its file keeps only samples of the worst messages";
     case Flaw::unrecorded:
-      return fmt::format("{} of its samples were not recorded", statistics::unrecorded(run.run));
+      return fmt::format("{} of its samples were not recorded", grouped(statistics::unrecorded(run.run)));
     case Flaw::misfit:
       return record::misfit_of(run.run.asked, run.run.outcome) + " has an invalid value";
     case Flaw::nothing_sent:

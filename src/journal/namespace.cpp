@@ -110,7 +110,8 @@ std::optional<std::string> namespace_name(const std::string& identity) {
 
 void within_namespace(const std::string& name, const std::function<void()>& action) {
   if (name.empty()) return action();
-  if (name.find('/') != name.npos || name == "." || name == "..") throw namespace_trouble(name, "entered", EINVAL);
+  if (name.find('/') != name.npos || name == "." || name == "..")
+    throw namespace_trouble(name, "entered", EINVAL);
   const auto inside = [&] {
     enter(name);
     action();

@@ -168,7 +168,8 @@ std::optional<std::uint64_t> callee_of(const Disassembly& code) {
   for (auto one = std::next(call); one != all.end(); ++one) {
     if (code.is_return(*one)) return Disassembly::target_of(*call);
     bool keeps_result = !code.passes_control(*one);
-    keeps_result &= code.each_written(*one, [&](auto reg) { keeps_result &= whole_register(reg) != ontime_rax; });
+    keeps_result &=
+        code.each_written(*one, [&](auto reg) { keeps_result &= whole_register(reg) != ontime_rax; });
     if (!keeps_result) return {};
   }
   return {};

@@ -60,7 +60,7 @@ std::string note_of(const Summary& summary) {
     const auto& bursts = summary.bursts;
     if (bursts.count == 0) return "never two late or lost in a row";
     return fmt::format("{} of consecutive late or lost messages; longest: {} messages, due within {}",
-                       many(bursts.count, "burst", "bursts"), bursts.longest,
+                       many(bursts.count, "burst", "bursts"), grouped(bursts.longest),
                        time(static_cast<double>(bursts.longest_ns)));
   }
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);

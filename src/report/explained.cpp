@@ -122,7 +122,7 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
   auto text = fmt::format("{}{}: causes of {}{} of {} late messages", marks.heading, name_of(one),
                           one.run.asked.keeps_worst() ? "the worst " : "",
                           std::ranges::count_if(told, [](const auto* note) { return is_cause(*note); }),
-                          one.account.late);
+                          grouped(one.account.late));
   const auto without = without_cause(one);
   for (const auto& [words, count] : {std::pair("cause not seen", without.not_seen),
                                      {"no space in the file for the cause", without.no_space},

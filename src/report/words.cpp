@@ -135,14 +135,4 @@ std::string size(std::uint64_t bytes) {
   return fmt::format("{} B", bytes);
 }
 
-std::string grouped(std::uint64_t count) {
-  const auto digits = fmt::format("{}", count);
-  std::string text;
-  for (std::size_t i = 0; i < digits.size(); ++i) {
-    if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
-    text += digits[i];
-  }
-  return text;
-}
-
 }  // namespace ontime::report

@@ -27,6 +27,7 @@ using table::as_csv;
 using table::as_html;
 using table::Column;
 using table::escaped;
+using table::grouped;
 using table::join;
 using table::many;
 using table::note_as_html;
@@ -66,7 +67,6 @@ int decimals_that_show(double below_one);           // enough not to print 0: 2 
 std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
 std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"
-std::string grouped(std::uint64_t count);           // "4,320,000"
 
 // The first column holds texts, the others numbers.
 std::vector<Column> columns_of(const std::string& first, std::initializer_list<const char*> others);

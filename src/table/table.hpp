@@ -30,7 +30,8 @@ inline constexpr std::size_t fewest_for_two = 60;
 std::string labelled(const std::string& label, const std::string& text, std::size_t column,
                      std::size_t width);
 
-std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
+std::string grouped(std::uint64_t number);                                     // "4,320,000"
+std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2,000 runs"
 std::string megabits(double bit_s);                                            // "80", "38.2", "10000"
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one

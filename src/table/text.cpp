@@ -129,8 +129,18 @@ std::string megabits(double bit_s) {
   return mbit_s < 9999.5 ? fmt::format("{:.4g}", mbit_s) : fmt::format("{:.0f}", mbit_s);  // no exponent
 }
 
+std::string grouped(std::uint64_t number) {
+  const auto digits = fmt::format("{}", number);
+  std::string text;
+  for (std::size_t i = 0; i < digits.size(); ++i) {
+    if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
+    text += digits[i];
+  }
+  return text;
+}
+
 std::string many(std::uint64_t number, const char* one, const char* several) {
-  return fmt::format("{} {}", number, number == 1 ? one : several);
+  return fmt::format("{} {}", grouped(number), number == 1 ? one : several);
 }
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {

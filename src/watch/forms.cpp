@@ -14,6 +14,7 @@ namespace ontime::watch {
 namespace {
 
 using nlohmann::json;
+using table::grouped;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
@@ -122,15 +123,13 @@ nlohmann::ordered_json or_null(bool is_known, Value value) {
 std::string text_of(const Progress& progress) {
   auto text = head_of(progress);
   if (progress.sent == 0 && progress.skipped_cycles == 0) return text;
-  const auto known = [](bool is_known, std::uint64_t count) {
-    return is_known ? fmt::format("{}", count) : "unknown";
-  };
+  const auto known = [](bool is_known, std::uint64_t count) { return is_known ? grouped(count) : "unknown"; };
   const bool late = statistics::knows_late(progress.run), lost = statistics::knows_loss(progress.run);
-  text += fmt::format("sent {}  on time {}  late {}  lost {}  skipped cycles {}\n", progress.sent,
+  text += fmt::format("sent {}  on time {}  late {}  lost {}  skipped cycles {}\n", grouped(progress.sent),
                       known(late && lost, progress.on_time), known(late, progress.late),
-                      known(lost, progress.lost), progress.skipped_cycles);
+                      known(lost, progress.lost), grouped(progress.skipped_cycles));
   if (progress.unrecorded > 0)
-    text += fmt::format("samples not recorded (missing below): {}\n", progress.unrecorded);
+    text += fmt::format("samples not recorded (missing below): {}\n", grouped(progress.unrecorded));
   const auto& times = progress.round_trip;
   const auto& asked = progress.run.asked;
   const auto measures = asked.is_listened() ? table::printable(asked.measures) : "round trip";
