@@ -126,7 +126,7 @@ TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {
     const auto judgement = judge(parse(text, Use::fail_if_compared), {&from, &from}, {&to, &to});
     EXPECT_EQ(judgement.result, Result::held) << text;
     EXPECT_FALSE(judgement.is_sure) << text;
-    EXPECT_THAT(judgement.says, HasSubstr("490 of 1000 messages were lost")) << text;
+    EXPECT_THAT(judgement.says, HasSubstr("490 of 1,000 messages were lost")) << text;
   }
 }
 

@@ -74,7 +74,7 @@ TEST(Judge, APercentileFailsByTheLeastNumberOfSlowerMessages) {
   one.shape.round_trip_ranks = {{9775, 1'990'000}, {10'001, 2'010'000}, {20'000, 3'000'000}};
   const auto judgement = judged("p50 > 2 ms", one);
   EXPECT_STREQ(word_of(judgement), "ok, not certain");
-  EXPECT_THAT(judgement.says, HasSubstr("; 10000 to 10225 of 20000 slower"));
+  EXPECT_THAT(judgement.says, HasSubstr("; 10,000 to 10,225 of 20,000 slower"));
   one.shape.round_trip_ranks[1].rank = 9800;
   EXPECT_EQ(judged("p50 > 2 ms", one).result, Result::missed) << "10,201 at least";
 }
@@ -83,7 +83,7 @@ TEST(Judge, APercentileHoldsIfFewMessagesExceedTheLimit) {
   const auto none = judged("p99 > 2 ms", slower(0, 1500));
   EXPECT_EQ(none.result, Result::held);
   EXPECT_TRUE(none.is_sure);
-  EXPECT_THAT(none.says, HasSubstr("0 of 1500 slower"));
+  EXPECT_THAT(none.says, HasSubstr("0 of 1,500 slower"));
   const auto in_bursts = judged("p99 > 2 ms", slower(0, 1500, 5));
   EXPECT_EQ(in_bursts.result, Result::held) << "as of `late > 1%`: whether it can pass is not left to chance";
   EXPECT_FALSE(in_bursts.is_sure);
@@ -114,7 +114,7 @@ TEST(Judge, APercentileIsNotCertainIfMoreMessagesAreLostThanItLeavesOut) {
     const auto judgement = judged(text, one);
     EXPECT_EQ(judgement.result, Result::held) << text;
     EXPECT_FALSE(judgement.is_sure) << text;
-    EXPECT_THAT(judgement.says, HasSubstr("100 of 1600 messages were lost")) << text;
+    EXPECT_THAT(judgement.says, HasSubstr("100 of 1,600 messages were lost")) << text;
   }
   EXPECT_THAT(judged("p50 > 2 ms", one).says, ::testing::Not(HasSubstr("lost")));
   one.round_trip_certainty.mean = measured(1, 0.9, 1.1);
@@ -163,11 +163,11 @@ TEST(Judge, CountsAndMaximaAreComparedWithoutAnInterval) {
   auto stalled = run({});
   stalled.skipped_cycles = 299;
   stalled.late_by_response = 300;
-  EXPECT_EQ(judged("response late > 0", stalled).says, "300 of 1299 cycles");
+  EXPECT_EQ(judged("response late > 0", stalled).says, "300 of 1,299 cycles");
   const auto held = judged("late > 0", stalled);
   EXPECT_EQ(held.result, Result::held);
   EXPECT_FALSE(held.is_sure);
-  EXPECT_THAT(held.says, HasSubstr("300 of 1299 cycles"));
+  EXPECT_THAT(held.says, HasSubstr("300 of 1,299 cycles"));
   EXPECT_FALSE(judged("max > 7 ms", stalled).is_sure);
   EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("response max"));
 }

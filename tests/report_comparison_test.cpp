@@ -332,12 +332,12 @@ TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
   amend(b[1].run.outcome, "/dropped_records", 4000);
   const auto text = render(compare(a, b), {}, Format::table);
-  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4000 "));
+  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4,000 "));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
   const auto to = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
   EXPECT_EQ(to.at("runs").size(), 1u);
   EXPECT_EQ(to.at("left_out").at(0).at("run"), 7);
-  EXPECT_EQ(to.at("left_out").at(0).at("why"), "4000 of its samples were not recorded");
+  EXPECT_EQ(to.at("left_out").at(0).at("why"), "4,000 of its samples were not recorded");
 }
 
 TEST(Compare, ASenderThatStoodStillIsSeen) {

@@ -368,7 +368,7 @@ TEST(Verdict, never_says_yes_where_samples_are_missing) {
   auto run = judged(5000, 0, 0);
   amend(run.run.outcome, {{"dropped_records", 1500}, {"sent", 6500}, {"late", 0}, {"lost", 0}});
   EXPECT_EQ(verdict_of({run}).word, Verdict::Word::partly);
-  EXPECT_THAT(verdict_of({run}).further, HasSubstr("1 run: 1500 "));
+  EXPECT_THAT(verdict_of({run}).further, HasSubstr("1 run: 1,500 "));
   amend(run.run.outcome, {{"late", 700}, {"lost", 200}});
   EXPECT_EQ(verdict_of({run}).word, Verdict::Word::no);
   EXPECT_THAT(verdict_of({run}).sentence, HasSubstr("700 of 6,500 messages missed the deadline"));

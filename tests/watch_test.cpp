@@ -288,9 +288,9 @@ TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
   const auto text = text_of(follower.look());
   EXPECT_THAT(text,
               StartsWith("run 1  /cmd_vel period  0:36  (flight recorder: counts are up to a minute old)\n"));
-  EXPECT_THAT(text, HasSubstr("sent 3600  on time unknown  late 9  lost unknown"));
+  EXPECT_THAT(text, HasSubstr("sent 3,600  on time unknown  late 9  lost unknown"));
   EXPECT_THAT(text, HasSubstr("period: min 10 ms  mean 10.07 ms  max 108 ms"));
-  EXPECT_THAT(text, HasSubstr("≤ 10 ms       3591  "));
+  EXPECT_THAT(text, HasSubstr("≤ 10 ms      3,591  "));
   EXPECT_THAT(text, HasSubstr("worst: period 108 ms, message 1000\nworst: period 28 ms, message 2000\n"));
   const auto object = json::parse(json_of(follower.look()));
   EXPECT_NEAR(object.at("elapsed_s"), 36.242, 1e-3);

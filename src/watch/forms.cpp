@@ -99,7 +99,7 @@ std::string histogram_of(const Buckets& buckets) {
   for (auto i = first; i < end; ++i) {
     const bool beyond = i + 1 == Buckets::size;
     text += fmt::format("{:>10} {:>10}  {}\n", beyond ? "more" : "≤ " + time_of(Buckets::upper_ns(i)),
-                        buckets.counts()[i], bar(buckets.counts()[i], most));
+                        grouped(buckets.counts()[i]), bar(buckets.counts()[i], most));
   }
   return text;
 }
