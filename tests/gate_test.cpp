@@ -121,14 +121,29 @@ TEST(Judge, APercentileIsNotCertainIfMoreMessagesAreLostThanItLeavesOut) {
   EXPECT_FALSE(judged("mean > 5 ms", one).is_sure);
 }
 
+TEST(Judge, AMeanBeyondTheLimitIsOpenIfItMayBeFarBeyond) {
+  auto one = run(measured(1, 0.9, 1.1));
+  one.round_trip_certainty.mean = measured(0.134, 0.006, 25);
+  EXPECT_EQ(judged("mean > 10 us", one).result, Result::cannot_judge);
+  EXPECT_EQ(judged("mean > 200 us", one).result, Result::held) << "it was measured below";
+  one.round_trip_certainty.mean = measured(0.011, 0.009, 0.015);
+  EXPECT_EQ(judged("mean > 10 us", one).result, Result::held) << "at most twice the limit";
+}
+
+TEST(Judge, AMaximumJustBeyondTheLimitHasTheDigitsThatShowIt) {
+  auto one = run(measured(1, 0.9, 1.1));
+  one.round_trip.max = 5'000'300;
+  EXPECT_EQ(judged("max > 5 ms", one).says, "max is 5.0003 ms");
+}
+
 TEST(Judge, ALevelThatChangedIsNamed) {
   auto one = slower(0, 200);
   one.sent = 200;
   one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000, 100e9};
   EXPECT_THAT(judged("p99 > 2 ms", one).says,
-              HasSubstr("from about 100 s on the median is 2 times as long (150 µs, then 300 µs)"));
+              HasSubstr("the median rises from 150 µs to 300 µs at about 100 s"));
   one.round_trip_certainty.shift = statistics::Shift{0.5, 160'000, 20'450'000, 100e9};
-  EXPECT_THAT(statistics::shift_text(one), HasSubstr("is 128 times as long (160 µs, then 20.45 ms)"));
+  EXPECT_THAT(statistics::shift_text(one), HasSubstr("rises from 160 µs to 20.45 ms"));
 }
 
 // `lost` of so many messages, evenly.

@@ -300,7 +300,7 @@ TEST(Answer, ManyMissedRequirementsAreOneCaution) {
         {gate::missed_note, fmt::format("FAIL: p99 <= 1 ms: p99 is {} ms", one.run.number + 1), {}, {}});
   const auto answer = answer_of(runs, kept);
   EXPECT_THAT(answer.cautions[0],
-              HasSubstr("missed requirements in 3 runs, such as a udp: p99 <= 1 ms: p99 is 2 ms"));
+              HasSubstr("missed requirements in 3 runs, such as a udp (run 1): p99 <= 1 ms: p99 is 2 ms"));
   EXPECT_THAT(answer.cautions, Not(Contains(HasSubstr("p99 is 3 ms"))));
 }
 

@@ -226,7 +226,7 @@ TEST(Compare, TwoShortRunsGetNoVerdict) {
   EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +- +too few messages\n"));
   // Fewer than a tenth more or less is something.
   lost(b[0], 0.05);
-  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 +cannot tell\n"));
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 points +cannot tell\n"));
   // Between half and twice, too.
   const auto p99 = [](Summary& one, double low, double high) {
     one.round_trip_certainty[statistics::Figure::p99].surer = {low * 1e6, high * 1e6};

@@ -153,6 +153,16 @@ TEST(Change, SpreadOfTheFewRunsThatDifferCountsBesideManyThatDoNot) {
   }
 }
 
+// Copies of a file, or of a coarse clock: they do not show how much repetitions vary.
+TEST(Change, RepetitionsThatAreEqualProveNothing) {
+  Random random(23);
+  const auto& kind = kinds().front();
+  const std::vector<Summary> from(3, run_of(kind.series(3000, random))),
+      to(3, run_of(kind.series(3000, random)));
+  for (const auto figure : {Figure::mean, Figure::p50, Figure::p99, Figure::p99_9})
+    EXPECT_EQ(change_of(from, to, figure)->verdict(), Verdict::cannot_tell) << static_cast<int>(figure);
+}
+
 TEST(Change, MeanOfRepetitionsIsTheirsAndNotOfWhatNoneOfThemSaw) {
   Random random(17);
   const auto a = repetitions(kinds().front(), 5, 1000, 0, 1, random);

@@ -111,7 +111,8 @@ std::string remarks_of(const listen::Chain& chain) {
                       topic_name(wish, topic), table::many(count, "take has", "takes have")));
   if (chain.silent_ns > 0) add("SILENT: no known arrival for the last " + time_of_silence(chain.silent_ns));
   if (chain.forgotten > 0)
-    add(fmt::format("{} messages arrived by other paths, which are not listed{}", table::grouped(chain.forgotten),
+    add(fmt::format("{} messages arrived by other paths, which are not listed{}",
+                    table::grouped(chain.forgotten),
                     wish.age ? fmt::format("; {} of them late", table::grouped(chain.forgotten_late)) : ""));
   return text;
 }

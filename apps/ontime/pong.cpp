@@ -3,10 +3,10 @@
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
-#include "table/table.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "run_flags.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {

@@ -36,9 +36,10 @@ class Parser {
  private:
   [[noreturn]] void fail(std::size_t at, const std::string& what) const {
     throw Error(fmt::format("column {}: {}. Example: {}", column(at), what,
-                            use_ == Use::require            ? "p99.9 <= 2 ms"
-                            : use_ == Use::fail_if_compared ? "p99.9 > +10%"
-                                                            : "late > 0"));
+                            use_ == Use::fail_if_compared ? "p99.9 > +10%"
+                            : use_ == Use::require        ? is_share() ? "late <= 0" : "p99.9 <= 2 ms"
+                            : is_share()                  ? "late > 0"
+                                                          : "p99.9 > 2 ms"));
   }
   // As an editor counts them, "µ" once.
   std::size_t column(std::size_t at) const {

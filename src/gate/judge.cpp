@@ -23,8 +23,15 @@ using Result = Judgement::Result;
 
 bool is_share(const Gate& gate) { return statistics::metric_of(gate.figure).is_share; }
 
+// In as many digits as tell it from the limit, which has those that its author gave.
 std::string value_of(const Gate& gate, double value) {
-  return is_share(gate) ? fmt::format("{:.4g} %", value * 100) : time_of(value);
+  const auto text = [&](double of, int digits) {
+    return is_share(gate) ? fmt::format("{:.{}g} %", of * 100, digits) : time_of(of, digits);
+  };
+  int digits = 4;
+  if (!gate.is_relative() && value != gate.limit)
+    while (digits < 12 && text(value, digits) == text(gate.limit, 12)) ++digits;
+  return text(value, digits);
 }
 
 std::string figure_of(const Gate& gate) {
@@ -394,6 +401,9 @@ Judgement judge(const Gate& gate, const Summary& run) {
   if (answer == Answer::cannot_tell) {
     const auto short_by = question ? too_short_words(*question) : found->surer.high ? "" : why_open(*found);
     if (!short_by.empty()) return open(says + ": " + short_by + (shift.empty() ? "" : "; " + shift));
+    // As of a change: what was measured beyond the limit passes only if it is surely not far beyond.
+    if (!question && found->value > gate.limit && *found->surer.high > 2 * gate.limit)
+      return open(says + ": the true one may be far above the limit: measure longer");
   }
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
   if (!judged.is_sure && !shift.empty()) judged.says += "; " + shift;

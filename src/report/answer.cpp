@@ -246,24 +246,33 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   Group runs;
   for (const auto& entry : entries) runs.insert(runs.end(), entry.runs.begin(), entry.runs.end());
   using Client = roundtrip::ClientOptions;
-  const auto common = [&](const char* name, auto Client::*member, auto form) -> std::string {
-    const auto first = runs.front()->run.asked.task.client.*member;
-    const bool same = std::ranges::all_of(runs, [&](const auto* run) {
-      const auto& asked = run->run.asked;
-      return asked.stated(name).is_number() && asked.task.client.*member == first;
-    });
-    return same ? form(first) : "";
+  std::vector<std::string> unseen;  // what differs between rows that do not say so
+  const auto common = [&](const char* name, const char* word, auto Client::*member,
+                          auto form) -> std::string {
+    const auto value_of = [&](const auto* run) { return run->run.asked.task.client.*member; };
+    if (std::ranges::any_of(runs, [&](const auto* run) { return !run->run.asked.stated(name).is_number(); }))
+      return "";
+    const auto first = value_of(runs.front());
+    if (std::ranges::all_of(runs, [&](const auto* run) { return value_of(run) == first; }))
+      return form(first);
+    if (std::ranges::any_of(entries, [&](const Entry& entry) {
+          return entry.row.name.find(form(value_of(entry.runs.front()))) == std::string::npos;
+        }))
+      unseen.push_back(word);
+    return "";
   };
   std::vector<std::string> parts;
-  auto message = common("payload_bytes", &Client::payload_bytes, size);
+  auto message = common("payload_bytes", "payload", &Client::payload_bytes, size);
   if (std::ranges::none_of(runs, [](const auto* run) {
         return run->run.asked.task.client.schedule == roundtrip::Schedule::back_to_back;
       }))
-    if (const auto period = common("period_us", &Client::period, duration); !period.empty())
+    if (const auto period = common("period_us", "period", &Client::period, duration); !period.empty())
       message += (message.empty() ? "every " : " every ") + period;
   if (!message.empty()) parts.push_back(message);
-  if (const auto time = common("duration_s", &Client::duration, duration); !time.empty())
+  if (const auto time = common("duration_s", "duration", &Client::duration, duration); !time.empty())
     parts.push_back(time + " a run");
+  common("deadline_us", "deadline", &Client::deadline, duration);
+  if (!unseen.empty()) parts.push_back(join(unseen, ", ") + (unseen.size() == 1 ? " differs" : " differ"));
   return join(parts, ", ");
 }
 

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <map>
-#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -154,7 +153,10 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
         row_of_run.push_back(i);
       }
   }
-  const auto remarks = shared_remarks(runs);
+  auto remarks = shared_remarks(runs);
+  std::vector<std::string> names_of_runs;
+  for (const auto* run : runs) names_of_runs.push_back(gate::name_of(*run));
+  gather_requirements(remarks, names_of_runs);
   std::vector<std::string> cautions;
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);
@@ -171,25 +173,8 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       about(places, remark.text);
     }
   };
-  // Many say the same of several runs: these are one caution.
-  const auto tell_of = [&](Remark::Requirement requirement, std::size_t most, const char* what) {
-    std::vector<const SharedRemark*> told;
-    std::set<std::size_t> of_runs, rows;
-    for (const auto& remark : remarks) {
-      if (remark.requirement != requirement) continue;
-      told.push_back(&remark);
-      of_runs.insert(remark.runs.begin(), remark.runs.end());
-    }
-    for (const auto run : of_runs) rows.insert(row_of_run[run]);
-    if (told.size() <= most) return add(requirement);
-    const auto& text = told.front()->text;  // "FAIL: p99 <= 1 ms: …"
-    about({rows.begin(), rows.end()},
-          fmt::format("{} in {}, such as {}{}", what, many(of_runs.size(), "run", "runs"),
-                      names.size() > 1 ? names[row_of_run[told.front()->runs.front()]] + ": " : "",
-                      text.substr(text.find(' ') + 1)));
-  };
-  tell_of(missed, 2, "missed requirements");  // the exit code tells of these
-  tell_of(open, 1, "open requirements");
+  add(missed);  // the exit code tells of these
+  add(open);
   add(none, Remark::Weight::not_applied);
   std::vector<std::string> denied;
   std::size_t denied_in = 0;

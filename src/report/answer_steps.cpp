@@ -39,6 +39,7 @@ constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only",
                                                 "--duration"};
 constexpr std::string_view without_only[] = {"--deploy", "--cable", "--transports", "--duration"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
+constexpr std::string_view without_either[] = {"--deploy", "--cable", "--transports"};
 constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
 // Those that name files or interfaces.
 constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
@@ -204,8 +205,11 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     add("Compare", {"ontime", "compare", file, "--from", from, "--to", to});
   }
   if (found.longer != nullptr && found.longer_ns > 0) {
-    const auto words = again(*found.longer, without_duration);
+    auto words = again(*found.longer, without_duration);
     const bool listens = is_of_listen(words);
+    const auto id = word(found.longer->run.asked.id);
+    if (is_of_scenario(words) && origin.only == id && can_be_named(id))  // `report --only` showed these alone
+      words = with(again(*found.longer, without_either), {"--only", id});
     add(found.longer_tells.c_str(),
         with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}), listens);
   }

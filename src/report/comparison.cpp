@@ -57,7 +57,11 @@ std::string value_of(const Quantity& row, double value) {
   return row.is_share() ? fmt::format("{:.4g}", value * 100) : microseconds(value);
 }
 
+// "+4,110 %"; of what is beyond reading "over 100 times".
 std::string in_percent(double ratio) {
+  if (ratio > 100) return "over 100 times";
+  if (ratio >= 11)
+    return fmt::format("+{} %", grouped(static_cast<std::uint64_t>(std::llround((ratio - 1) * 100))));
   const int decimals = ratio > 0 && ratio < 0.005
                            ? decimals_that_show(ratio * 100)  // something is left of it
                        : std::abs(ratio - 1) < 0.1 ? 1
@@ -65,7 +69,22 @@ std::string in_percent(double ratio) {
   return fmt::format("{:+.{}f} %", (ratio - 1) * 100, decimals);
 }
 
-// "-3 % … +12 %"; of what has no ratio the difference itself.
+// In points or µs, with its sign.
+std::string difference_of(const Quantity& row, double difference) {
+  return row.is_share() ? fmt::format("{:+.3g}", difference * 100 + 0.0)  // not -0
+                        : (difference < 0 ? "" : "+") + microseconds(difference);
+}
+
+const char* unit_of(const Quantity& row) { return row.is_share() ? " points" : ""; }
+
+// "+9.2 points", "+110 %".
+std::string change_cell(const Quantity& row, const statistics::Change& change) {
+  if (change.ratio) return in_percent(*change.ratio);
+  if (change.is_of_unequal_numbers || change.from == change.to) return nothing;
+  return difference_of(row, change.to - change.from) + unit_of(row);
+}
+
+// "-3 % … +12 %"; of what has no ratio that of the difference.
 std::string lies(const Quantity& row, const statistics::Change& change) {
   const auto ends = [](const auto& low, const auto& high, auto text) {
     if (!low && !high) return std::string(nothing);
@@ -73,7 +92,8 @@ std::string lies(const Quantity& row, const statistics::Change& change) {
   };
   const auto& [low, high] = change.lies();
   if (change.ratio) return ends(low, high, in_percent);
-  return ends(low, high, [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
+  const auto text = ends(low, high, [&](double value) { return difference_of(row, value); });
+  return text == nothing ? text : text + unit_of(row);
 }
 
 bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
@@ -129,7 +149,7 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
     const auto& [low, high] = change->lies();
     const bool too_few = tells_nothing(row.figure, *change);
     table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
-                          change->ratio && !too_few ? in_percent(*change->ratio) : nothing,
+                          too_few ? nothing : change_cell(row, *change),
                           too_few ? nothing : lies(row, *change),
                           change->is_of_unequal_numbers ? "not compared"
                           : !too_few                    ? word_of(*change)

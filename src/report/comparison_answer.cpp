@@ -242,11 +242,14 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
                                      : ""),
             room));
       }
-  const auto remarks = shared_remarks(runs);
+  auto remarks = shared_remarks(runs);
+  gather_requirements(remarks, names);
   const auto add = [&](Remark::Weight weight) {
     for (const auto& remark : remarks)
       if (remark.weight == weight)
-        cautions.push_back(caution_of(name_of_some(names, remark.runs), remark.text, room));
+        cautions.push_back(remark.names_a_run
+                               ? shortened(remark.text, room)
+                               : caution_of(name_of_some(names, remark.runs), remark.text, room));
   };
   add(Remark::Weight::not_applied);
   if (!single.empty() && any_repeated(comparison))  // else the sentence says it
@@ -283,7 +286,8 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
     return fmt::format("No difference in {} or p99 is proven: {}", what,
                        repeated ? "chance may explain it." : one_run);
   }
-  const auto changes = join(parts, "; ");
+  const bool is_simple = parts.size() == 2 && join(parts, "").find(" and ") == std::string::npos;
+  const auto changes = join(parts, is_simple ? " and " : "; ");
   return repeated ? fmt::format("{} has {} than {}.", comparison.to_name, changes, comparison.from_name)
                   : fmt::format("In these runs {} had {} than {}. Not proven: {}", comparison.to_name,
                                 changes, comparison.from_name, one_run);
@@ -341,6 +345,9 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   const auto cautions = cautions_of(comparison, names, 2 * width - 24);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + printable(cautions[i]), width);
+  if (cautions.size() > most_cautions)
+    text += fmt::format("… and {} (--full)\n",
+                        many(cautions.size() - most_cautions, "more caution", "more cautions"));
   for (const auto& judgement : judgements)
     if (!judgement.says.empty()) text += wrapped(printable(gate::text_of(judgement)), width);
   return text + steps_text({{"All metrics", full_command}}, width);

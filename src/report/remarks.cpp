@@ -3,6 +3,8 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <set>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -284,7 +286,10 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   count(Weight::caution, "answers with another payload size, ignored", counters.wrong_size);
   count(Weight::caution, "answers with server times outside their round trips", counters.wrong_server_times);
   count(Weight::detail, "messages refused by the transport", counters.refused_sends);
-  add(Weight::caution, statistics::shift_text(summary));
+  // A requirement that is open for it says so, too.
+  if (const auto shift = statistics::shift_text(summary); std::ranges::none_of(
+          remarks, [&](const auto& remark) { return remark.text.find(shift) != std::string::npos; }))
+    add(Weight::caution, shift);
   if (summary.has_worst_only)
     add(Weight::caution,
         "only samples around the worst late messages are kept; counts and times are of all messages, times "
@@ -343,9 +348,34 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
       const auto low = remark.shown(*remark.amount), high = remark.shown(most);
       text = replace_all(text, "{}", low == high ? low : fmt::format("{} to {}", low, high));
     }
-    shared.push_back({remark.weight, std::move(text), std::move(of), remark.requirement});
+    shared.push_back({remark.weight, std::move(text), std::move(of), remark.requirement, false});
   }
   return shared;
+}
+
+void gather_requirements(std::vector<SharedRemark>& remarks, const std::vector<std::string>& names) {
+  for (const auto& [requirement, most, what] :
+       {std::tuple(Remark::Requirement::missed, 2, "missed requirements"),
+        {Remark::Requirement::open, 1, "open requirements"}}) {
+    std::set<std::size_t> runs;
+    std::vector<SharedRemark> told;
+    for (const auto& remark : remarks)
+      if (remark.requirement == requirement) {
+        told.push_back(remark);
+        runs.insert(remark.runs.begin(), remark.runs.end());
+      }
+    if (told.size() <= static_cast<std::size_t>(most)) continue;
+    const auto& text = told.front().text;  // "FAIL: p99 <= 1 ms: …"
+    std::erase_if(remarks, [&, wanted = requirement](const auto& one) { return one.requirement == wanted; });
+    remarks.insert(remarks.begin(),
+                   {told.front().weight,
+                    fmt::format("{} in {}, such as {}{}", what, many(runs.size(), "run", "runs"),
+                                names.size() > 1 ? names[told.front().runs.front()] + ": " : "",
+                                text.substr(text.find(' ') + 1)),
+                    {runs.begin(), runs.end()},
+                    requirement,
+                    true});
+  }
 }
 
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group& runs) {

@@ -81,11 +81,15 @@ struct SharedRemark {
   std::string text;
   std::vector<std::size_t> runs;
   Remark::Requirement requirement;
+  bool names_a_run = false;
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places,
                          const char* what = "runs");
 std::vector<SharedRemark> shared_remarks(const Group&);
+// Where more than two requirements are missed, or more than one is open, one remark stands for them: "missed
+// requirements in 6 runs, such as idle udp (run 1): p99 <= 1 ms: …". `names`: of the runs.
+void gather_requirements(std::vector<SharedRemark>&, const std::vector<std::string>& names);
 // One line for all remarks of the same runs, after the names of these runs.
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group&);
 // Settings that these runs requested and the machines denied, one text for each remedy.

@@ -73,8 +73,10 @@ Interval difference_lies(const Side& from, const Side& to) {
   double below = std::hypot(to.below, from.above), above = std::hypot(to.above, from.below);
   if (from.runs + to.runs > 2) {
     const double between = between_runs(from, to);
-    // What one run leaves open is part of what makes its repetitions differ.
-    const bool suffices = are_repeated(from, to);
+    // What one run leaves open is part of what makes its repetitions differ. Equal ones do not tell how much:
+    // they are copies, or of a coarse clock.
+    const double rounding = 1e-9 * std::max(std::abs(from.value), std::abs(to.value));
+    const bool suffices = are_repeated(from, to) && between > rounding;
     below = suffices && !std::isfinite(below) ? between : std::max(below, between);
     above = suffices && !std::isfinite(above) ? between : std::max(above, between);
   }

@@ -144,10 +144,9 @@ Measured mean(std::span<const Batch> given, double value) {
       half_width =
           std::max(half_width, students_t(static_cast<double>(some.size() - 1), (1 + confidence) / 2) *
                                    std::sqrt(variance(some, all)));
-    if (half_width > 0) *interval = {value - half_width, value + half_width};
+    if (batches.size() >= fewest_batches) *interval = {value - half_width, value + half_width};
   }
-  if (!result.sure.low)
-    result.open = batches.size() < fewest_batches ? "too few messages" : "all messages took the same time";
+  if (!result.sure.low) result.open = "too few messages";
   return result;
 }
 

@@ -241,23 +241,21 @@ class Pass {
 
 }  // namespace
 
-std::string time_of(double ns) {
+std::string time_of(double ns, int digits) {
   const double size = std::abs(ns);
   if (size >= 9999.5e9) return fmt::format("{:.0f} s", ns / 1e9);  // without an exponent
-  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
-  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
-  return fmt::format("{:.4g} µs", ns / 1e3);
+  if (size >= 1e9) return fmt::format("{:.{}g} s", ns / 1e9, digits);
+  if (size >= 1e6) return fmt::format("{:.{}g} ms", ns / 1e6, digits);
+  return fmt::format("{:.{}g} µs", ns / 1e3, digits);
 }
 
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
   if (!shift) return "";
   const double from_s = shift->from_ns.value_or(0) / 1e9;
-  const double times = shift->after_ns / shift->before_ns;
-  return fmt::format("from about {:.{}f} s on the median is {} times as long ({}, then {})", from_s,
-                     from_s < 10 ? 1 : 0,
-                     times < 10 ? fmt::format("{:.2g}", times) : fmt::format("{:.0f}", times),
-                     time_of(shift->before_ns), time_of(shift->after_ns));
+  return fmt::format("the median {} from {} to {} at about {:.{}f} s",
+                     shift->after_ns < shift->before_ns ? "falls" : "rises", time_of(shift->before_ns),
+                     time_of(shift->after_ns), from_s, from_s < 10 ? 1 : 0);
 }
 
 Fates fates_of(const Summary& summary) {

@@ -140,10 +140,10 @@ struct Summary {
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
-// "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: no permanent
+// "the median rises from 150 µs to 300 µs at about 100 s". Empty: no permanent
 // change.
 std::string shift_text(const Summary&);
-std::string time_of(double ns);  // "28.25 ms"
+std::string time_of(double ns, int digits = 4);  // "28.25 ms"
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
