@@ -53,7 +53,8 @@ Values values_of(const Comparison::Runs& runs) {
           if (!of_the_moment.contains(key)) add(values, of + " " + printable(key), value);
       add_text(of + " transport name", host.transport.name);
       add_text(of + " transport version", host.transport.version);
-      if (host.load_running) add(values, of + " load_running", *host.load_running);
+      if (host.load_running == false)
+        add(values, of + " load_running", false);  // else it follows from the load
       for (const auto& refusal : host.refusals)
         add_text(of + " refused " + word(refusal.asked), refusal.found);
     }

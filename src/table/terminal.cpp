@@ -62,8 +62,8 @@ Layout layout_of(const Table& table) {
   return layout;
 }
 
-// Drops columns for as long as even short names of rows leave no room for the numbers.
-Table fitted(Table table, std::size_t width) {
+// Drops columns for as long as even short names of rows leave no room for the numbers. Adds their names.
+Table fitted(Table table, std::size_t width, std::vector<std::string>& omitted) {
   for (;;) {
     const auto layout = layout_of(table);
     if (layout.header + layout.others() <= width) return table;
@@ -72,6 +72,9 @@ Table fitted(Table table, std::size_t width) {
     });
     if (next->dropped == 0) return table;
     const auto place = next - table.columns.begin();
+    if (const auto name = replace_all(next->name, "\n", " ");
+        std::ranges::find(omitted, name) == omitted.end())
+      omitted.push_back(name);
     table.columns.erase(next);
     for (auto& row : table.rows) row.erase(row.begin() + place);
   }
@@ -88,8 +91,8 @@ void narrow_names(Layout& layout, const Table& table, std::size_t width) {
       layout.widths.front() = std::max(layout.widths.front(), name);
 }
 
-std::string text_of(const Table& whole, std::size_t width) {
-  const auto table = fitted(whole, width);
+std::string text_of(const Table& whole, std::size_t width, std::vector<std::string>& omitted) {
+  const auto table = fitted(whole, width, omitted);
   auto layout = layout_of(table);
   narrow_names(layout, table, width);
   std::string text = table.title.empty() ? "" : table.title + "\n";
@@ -114,9 +117,15 @@ std::size_t width_of_column(const Table& table, std::size_t column) {
 
 std::string as_text(const Page& page, std::size_t width) {
   std::string text;
-  for (const auto& table : page.tables) text += text_of(table, width);
+  std::vector<std::string> omitted;
+  for (const auto& table : page.tables) text += text_of(table, width, omitted);
   for (const auto& note : page.notes) text += text_of_note(note, width, "") + "\n";
-  if (!page.legend.empty()) text += wrapped(page.legend, width);
+  if (!page.legend.empty())
+    text += wrapped(
+        page.legend + (omitted.empty()
+                           ? ""
+                           : " Omitted for lack of space in some tables: " + join(omitted, ", ") + "."),
+        width);
   return text;
 }
 
