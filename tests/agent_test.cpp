@@ -36,6 +36,7 @@ TEST(Task, IsUnchangedAfterJson) {
                      transport::Durability::transient_local};
   task.config.max_payload_bytes = 9;
   task.config.interface = "lo";
+  task.config.address = "c";
   task.config.peers = {"a", "b:1"};
   task.config.domain = 3;
   task.config.launch_ns = 4;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <fstream>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -27,8 +28,10 @@ constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20U;
 constexpr std::uint64_t locked_bytes = 192 * mebibyte;  // 165 to 185 MB were seen
 constexpr std::uint64_t most_reserve = 256 * mebibyte;
 
-// Finds the address of the requested interface.
+// Finds the address of the requested interface: the stated one if the interface has it, else its first. What
+// is stated may be a name, or the address of a router.
 void resolve(transport::Config& config) {
+  const auto stated = std::exchange(config.address, "");
   if (config.interface.empty()) return;
   std::vector<std::string> others;
   for (const auto& interface : machine::interfaces()) {
@@ -36,11 +39,13 @@ void resolve(transport::Config& config) {
     if (interface.name != config.interface) continue;
     if (!interface.up)
       throw Error(3, fmt::format("interface '{0}' is down. Fix: sudo ip link set {0} up", interface.name));
-    if (interface.address.empty())
+    const auto& own = interface.addresses;
+    if (own.empty())
       throw Error(
           3, fmt::format("interface '{0}' has no IPv4 address. Fix: sudo ip address add A.B.C.D/N dev {0}",
                          interface.name));
-    config.address = interface.address;
+    const auto same = std::ranges::find(own, stated.substr(0, stated.find(':')));
+    config.address = same == own.end() ? own.front() : *same;
     return;
   }
   throw Error(2, fmt::format("this host has no interface '{}'; it has: {}", config.interface,

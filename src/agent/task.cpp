@@ -54,6 +54,7 @@ json to_json(const Task& task) {
   to["end"] = {{"is_client", config.role == Role::client},
                {"max_payload_bytes", config.max_payload_bytes},
                {"peers", config.peers},
+               {"address", config.address},
                {"priority", config.priority ? json(*config.priority) : json()},
                {"security", json_of(config.security)},
                {"session", task.background.session}};
@@ -67,6 +68,7 @@ Task task_of(const json& from) {
   config.role = end.at("is_client").get<bool>() ? Role::client : Role::server;
   config.max_payload_bytes = end.at("max_payload_bytes");
   config.peers = end.at("peers").get<std::vector<std::string>>();
+  config.address = end.at("address");
   if (const auto& priority = end.at("priority"); !priority.is_null()) config.priority = priority;
   config.security = security_of(end.at("security"));
   task.background.session = end.at("session");

@@ -19,6 +19,7 @@ agent::Task client_task(const Run& run, const Host& host, const std::optional<Ho
   task.config.role = transport::Role::client;
   task.config.max_payload_bytes = task.client.payload_bytes;
   if (!host.interface.empty()) task.config.interface = host.interface;
+  task.config.address = host.address;
   if (component) task.config.peers = {component->address};
   return task;
 }
@@ -72,6 +73,7 @@ agent::Task server_task(const Run& run, const Host& host) {
   task.config.role = transport::Role::server;
   if (task.config.max_payload_bytes == 0) task.config.max_payload_bytes = task.client.payload_bytes;
   if (!host.interface.empty()) task.config.interface = host.interface;
+  task.config.address = host.address;
   if (!run.component_transport.empty()) {
     task.transport = run.component_transport;
     task.config.options = run.component_options;

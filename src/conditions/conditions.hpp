@@ -56,7 +56,7 @@ struct RealtimeSettings {
 // only these topics.
 struct Task {
   std::string transport;
-  transport::Config config;  // the agent finds `address`; `fifo_priority` follows from `realtime`
+  transport::Config config;  // the agent checks `address`; `fifo_priority` follows from `realtime`
   roundtrip::ClientOptions client;
   roundtrip::BackgroundOptions background;
   RealtimeSettings realtime;

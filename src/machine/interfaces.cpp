@@ -33,7 +33,7 @@ Interface& entry_of(std::vector<Interface>& all, const ifaddrs& address) {
   const auto known = std::ranges::find(all, name, &Interface::name);
   if (known != all.end()) return *known;
   const auto flags = address.ifa_flags;
-  return all.emplace_back(Interface{name, "", (flags & IFF_UP) != 0, (flags & IFF_LOOPBACK) != 0});
+  return all.emplace_back(Interface{name, {}, (flags & IFF_UP) != 0, (flags & IFF_LOOPBACK) != 0});
 }
 
 using Addresses = std::unique_ptr<ifaddrs, decltype(&freeifaddrs)>;
@@ -139,7 +139,7 @@ std::vector<Interface> interfaces() {
   for (const auto* address = owned.get(); address != nullptr; address = address->ifa_next) {
     auto& interface = entry_of(all, *address);
     if (address->ifa_addr == nullptr || address->ifa_addr->sa_family != AF_INET) continue;
-    if (interface.address.empty()) interface.address = numeric(*address->ifa_addr);
+    interface.addresses.push_back(numeric(*address->ifa_addr));
   }
   return all;
 }

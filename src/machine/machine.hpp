@@ -77,7 +77,7 @@ nlohmann::json between(const Activity& first, const Activity& last);
 // An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).
 struct Interface {
   std::string name;
-  std::string address;
+  std::vector<std::string> addresses;
   bool up;
   bool loopback;
 };

@@ -109,7 +109,7 @@ void check_end_of_cable(const std::string& name) {
         "cable at {0}: the interface belongs to {1}, and would not after the run. Fix: sudo ip link set {0} "
         "nomaster",
         name, master.filename().string()));
-  if (found->up || !found->address.empty())
+  if (found->up || !found->addresses.empty())
     throw Error(
         fmt::format("cable at {}: the interface is up or has an address, so a program may use it. Fix: sudo "
                     "ip link set {} "

@@ -65,22 +65,23 @@ class Components(Program):
         commands = [f"netns add {name}" for name in names]
         for number, name in enumerate(names[1:]):
             commands += [f"link add {name} netns ot-near type veth peer name far netns {name}",
-                         f"-n ot-near addr add 198.18.{number}.1/30 dev {name}", f"-n {name} addr add 198.18.{number}.2/30 dev far",
+                         f"-n ot-near addr add 198.18.{number}.1/29 dev {name}", f"-n {name} addr add 198.18.{number}.2/29 dev far",
                          f"-n ot-near link set {name} up", f"-n {name} link set far up"]
+        commands.append("-n ot-arm addr add 198.18.0.3/29 dev far")  # the stated one is the second of its interface
         try:
             for command in commands:
                 subprocess.run(["ip", *command.split()], check=True)
             text = SCENARIO.replace("hosts: namespaces", "hosts: {controller: {command-prefix: [ip, netns, exec, ot-near]}}").replace(
-                "[left_arm, base]", """{arm: {command-prefix: [ip, netns, exec, ot-arm], interface: far, address: 198.18.0.2},
+                "[left_arm, base]", """{arm: {command-prefix: [ip, netns, exec, ot-arm], interface: far, address: 198.18.0.3},
                                         base: {command-prefix: [ip, netns, exec, ot-base], interface: far, address: 198.18.1.2}}""")
             answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results)
             self.assertEqual(answer.returncode, 0, answer.stderr)
-            for run, address in zip(self.report(), ("198.18.0.2:", "198.18.1.2:")):
+            for run, address in zip(self.report(), ("198.18.0.3:", "198.18.1.2:")):
                 self.assertTrue(run["complete"])
                 self.assertTrue(run["hosts"]["component"]["transport"]["facts"]["address"].startswith(address))
                 self.assertEqual(run["hosts"]["component"]["link"]["interface"], "far")
             # The same place in other words: what answers is not the arm.
-            wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.2}", "address: '198.18.1.2:7900'}"), transports=["udp"])
+            wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.3}", "address: '198.18.1.2:7900'}"), transports=["udp"])
             answer = self.run_ontime("run", wrong, "--results", self.results)
             self.assertEqual(answer.returncode, 3, answer.stderr)
             self.assertRegex(answer.stderr, r"arm: the component answered 0 messages.*another program")
