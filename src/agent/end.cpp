@@ -147,7 +147,7 @@ std::vector<transport::Thread> End::threads() {
 }
 
 void End::drop_privileges() {
-  for (const auto& thread : agent::drop_privileges())
+  for (const auto& thread : agent::drop_privileges(task_.count_instructions))
     refuse({{"fewer privileges for thread " + thread, "the thread blocks the signal that drops them",
              "none: the thread reads from the network with all privileges"}});
 }

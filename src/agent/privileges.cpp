@@ -2,6 +2,7 @@
 #include "agent/privileges.hpp"
 
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <csignal>
@@ -22,7 +23,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 
-constexpr std::uint64_t kept = (1ULL << CAP_SYS_NICE) | (1ULL << CAP_IPC_LOCK);
+std::atomic<std::uint64_t> kept = (1ULL << CAP_SYS_NICE) | (1ULL << CAP_IPC_LOCK);
 constexpr auto patience = 2s;  // with a thread that is not scheduled
 
 // The kernel knows capabilities of threads, not of processes: each has to do this. System calls alone.
@@ -57,7 +58,8 @@ std::string has_more(const fs::path& task) {
 
 }  // namespace
 
-std::vector<std::string> drop_privileges() {
+std::vector<std::string> drop_privileges(bool count_instructions) {
+  if (count_instructions) kept |= 1ULL << CAP_PERFMON;
   // The handler stays installed: a second signal may be on its way to a thread that has already dropped them.
   struct sigaction drop {};
   drop.sa_handler = drop_own;
