@@ -44,6 +44,22 @@ TEST(Pollers, UnthrottledPollersOnEveryCpuAreRefused) {
   EXPECT_EQ(why_refused({}, false, {{}, {}}), "") << "it does not say how many CPUs it has";
 }
 
+TEST(Pollers, OnlyARuntimeBelowThePeriodThrottles) {
+  const auto throttled = [](std::optional<std::int64_t> runtime, const settings::Wishes& kernel = {}) {
+    record::Machine machine;
+    machine.rt_runtime_us = runtime;
+    machine.rt_period_us = 1'000'000;
+    return is_throttled(machine, kernel);
+  };
+  EXPECT_TRUE(throttled(950'000));
+  EXPECT_TRUE(throttled(0));
+  EXPECT_FALSE(throttled(-1));
+  EXPECT_FALSE(throttled(1'000'000)) << "the whole period";
+  EXPECT_FALSE(throttled({})) << "the machine does not tell";
+  EXPECT_TRUE(throttled(-1, {{"rt-throttling", "on"}}));
+  EXPECT_FALSE(throttled(950'000, {{"rt-throttling", "off"}}));
+}
+
 TEST_F(ScenarioFile, PlanCountsOnlyTheTimeOfWhatIsNotInTheResults) {
   const auto scenario = read(
       "hosts: loopback\n"

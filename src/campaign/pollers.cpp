@@ -24,12 +24,13 @@ const realtime::ThreadSettings* poller_of(const agent::Task& task) {
   return is_above_all ? &thread->second : nullptr;
 }
 
+}  // namespace
+
 bool is_throttled(const record::Machine& machine, const settings::Wishes& kernel) {
   if (const auto wish = kernel.find("rt-throttling"); wish != kernel.end()) return wish->second != "off";
-  return machine.rt_runtime_us.value_or(0) >= 0;
+  const auto runtime = machine.rt_runtime_us.value_or(-1);
+  return runtime >= 0 && runtime < machine.rt_period_us.value_or(0);
 }
-
-}  // namespace
 
 std::string why_refused(std::optional<std::int64_t> cpus, bool throttled,
                         const std::vector<std::vector<int>>& cpus_of_threads) {

@@ -10,6 +10,10 @@
 
 namespace ontime::campaign {
 
+// Whether the kernel stops real-time threads that take all of a period, once these settings are applied. What
+// a machine does not tell counts as no.
+bool is_throttled(const record::Machine&, const settings::Wishes& kernel);
+
 // Why these threads are refused on a machine with that many CPUs (nothing: unknown), from the CPUs of each
 // (empty: any); "": they are not.
 std::string why_refused(std::optional<std::int64_t> cpus, bool throttled,
