@@ -130,7 +130,8 @@ void Machines::prepare(const Hosts& stated, const Transports& transports) {
   leave_all();
   machines_.clear();
   hosts_ = stated;
-  if (kind_here(stated) != stated.kind) {
+  lacks_namespaces_ = kind_here(stated) != stated.kind;
+  if (lacks_namespaces_) {
     if (hosts_.components.size() > 1)
       throw Error(3,
                   "components: no permission to create a network namespace for each. Fix: state their hosts, "

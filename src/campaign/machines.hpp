@@ -41,6 +41,7 @@ class Machines {
   const Hosts& hosts() const { return hosts_; }
   // Of hosts(), once they are prepared: without permission for namespaces, both ends are on loopback.
   static Hosts::Kind kind_here(const Hosts& stated);
+  bool lacks_namespaces() const { return lacks_namespaces_; }  // requested, but both ends are on loopback
   const record::Machine& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
@@ -136,6 +137,7 @@ class Machines {
   orders::Coordinator& coordinator_;
   Observer& observer_;
   Hosts hosts_;
+  bool lacks_namespaces_ = false;
   std::set<std::string> warned_;
   bool tuned_ = false, loaded_ = false;
   std::vector<LinkEnd> links_;

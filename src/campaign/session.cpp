@@ -76,6 +76,13 @@ roundtrip::Counters Session::counters() const {
 
 std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   check_pollers(runs_, machines_);
+  if (machines_.lacks_namespaces())
+    for (const auto& pair : pairs_)
+      writer_.note(pair->number(), {"loopback",
+                                    "both ends were on loopback: no permission to create network namespaces. "
+                                    "Fix: run it as root",
+                                    {},
+                                    {}});
   if (!run_.kernel.empty() || run_.isolation.any()) observer_.does("applying settings");
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});

@@ -43,6 +43,15 @@ class Newcomer(unittest.TestCase):
         for flag, value in (("--peer", "127.0.0.1"), ("--interface", "lo"), ("--wait", "1 s")):
             self.ontime("ping", "--transport", "udp", "--loopback", flag, value, code=2)
 
+    def test_every_report_says_that_an_ordinary_users_ends_were_on_loopback(self):
+        (self.folder / "own.yaml").write_text("runs: [{id: idle, transport: udp, duration: 100 ms}]\n")
+        ordinary = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
+        done = subprocess.run([*ordinary, ONTIME, "run", "own.yaml", "--results", "r.ontime"], cwd=self.folder, capture_output=True,
+                              text=True, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for shown in done, *(self.ontime("report", "r.ontime", *flags) for flags in ((), ("--full",), ("--format", "html"))):
+            self.assertIn("both ends were on loopback: no permission", " ".join(shown.stdout.split()))
+
     def test_a_mistyped_word_is_answered_with_the_nearest(self):
         (self.folder / "own.yaml").write_text(
             "hosts: loopback\nruns: [{id: idle, transport: udp, duration: 100 ms}]\n")
