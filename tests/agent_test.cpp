@@ -283,16 +283,30 @@ TEST(Memory, EndIsRefusedIfLockedPagesExceedTheReserve) {
     std::istringstream meminfo(
         fmt::format("MemTotal: {} kB\nMemFree: 1 kB\nMemAvailable: {} kB\nBuffers: 1 kB\n", 2000 * 1024,
                     available_mib * 1024));
-    return lacks_memory(meminfo);
+    return lacks_memory(meminfo, {});
   };
   EXPECT_EQ(refusal(292), "");
   EXPECT_THAT(refusal(291),
               ::testing::AllOf(::testing::HasSubstr("192 MiB"), ::testing::HasSubstr("291 MiB free"),
                                ::testing::HasSubstr("100 MiB")));
   std::istringstream large(fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 32U << 20U, 448 << 10));
-  EXPECT_EQ(lacks_memory(large), "") << "the reserve is 256 MiB at most";
+  EXPECT_EQ(lacks_memory(large, {}), "") << "the reserve is 256 MiB at most";
   std::istringstream unknown("nothing");
-  EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nothing";
+  EXPECT_EQ(lacks_memory(unknown, {}), "") << "what the kernel does not tell refuses nothing";
+}
+
+TEST(Memory, EndIsRefusedIfItsControlGroupHasTooLittleLeft) {
+  const auto refusal = [](std::uint64_t limit_mib, std::uint64_t used_mib, int available_mib = 4000) {
+    std::istringstream meminfo(
+        fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 8000 * 1024, available_mib * 1024));
+    return lacks_memory(meminfo, machine::GroupMemory{limit_mib << 20U, used_mib << 20U});
+  };
+  EXPECT_EQ(refusal(200, 8), "");
+  EXPECT_THAT(refusal(150, 8), testing::AllOf(HasSubstr("192 MiB"), HasSubstr("142 MiB left of 150 MiB"),
+                                              HasSubstr("lock-memory: off")));
+  EXPECT_THAT(refusal(150, 160), HasSubstr("has 0 MiB left of 150 MiB"));
+  EXPECT_THAT(refusal(150, 8, 100), HasSubstr("This machine has 100 MiB free")) << "which is less";
+  EXPECT_EQ(refusal(std::uint64_t{1} << 40U, 8), "") << "no limit";
 }
 
 TEST_F(Agent, UnusableTaskIsRefusedWithReason) {

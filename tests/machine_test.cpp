@@ -162,6 +162,17 @@ TEST(ActivityBetween, IsAlwaysAShareOrNothing) {
   }
 }
 
+TEST(GroupMemory, CountsPagesOfFilesWithThoseOfGroupsWithin) {
+  EXPECT_EQ(parse_file_pages("anon 5\ninactive_file 30\nactive_file 12\nslab 7\n"), 42U) << "version 2";
+  EXPECT_EQ(parse_file_pages("cache 9\ninactive_file 1\nactive_file 2\ntotal_cache 9\ntotal_inactive_file 4\n"
+                             "total_active_file 5\n"),
+            9U)
+      << "version 1";
+  EXPECT_EQ(parse_file_pages("nonsense"), 0U);
+  EXPECT_EQ((GroupMemory{10, 4}.left_bytes()), 6U);
+  EXPECT_EQ((GroupMemory{10, 11}.left_bytes()), 0U);
+}
+
 TEST(Interfaces, AreFoundByTheirAddresses) {
   EXPECT_EQ(interface_with("127.0.0.1"), "lo");
   EXPECT_EQ(interface_with("192.0.2.77"), std::nullopt);

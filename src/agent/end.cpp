@@ -104,7 +104,9 @@ End::End(Task task) : task_(std::move(task)) {
   // Memory first: what is created afterwards is born locked, and touched.
   if (task_.realtime.lock_memory) {
     std::ifstream meminfo("/proc/meminfo");
-    if (const auto why = lacks_memory(meminfo); realtime::may_lock_all() && !why.empty()) throw Error(3, why);
+    if (const auto why = lacks_memory(meminfo, machine::group_memory());
+        realtime::may_lock_all() && !why.empty())
+      throw Error(3, why);
     refuse(realtime::lock_memory(heap_bytes));
   }
   if (task_.realtime.cpu_latency) {
@@ -280,12 +282,17 @@ record::Link End::link() const {
   return link;
 }
 
-std::string lacks_memory(std::istream& meminfo) {
+std::string lacks_memory(std::istream& meminfo, const std::optional<machine::GroupMemory>& group) {
   std::uint64_t total = 0, available = 0, kilobytes = 0;
   for (std::string word; meminfo >> word;) {
     if (word == "MemTotal:" && meminfo >> kilobytes) total = kilobytes * 1024;
     if (word == "MemAvailable:" && meminfo >> kilobytes) available = kilobytes * 1024;
   }
+  if (group && group->left_bytes() < std::min(available, locked_bytes))
+    return fmt::format(
+        "an end with locked memory needs {} MiB. Its control group has {} MiB left of {} MiB. Fix: raise the "
+        "group's limit (MemoryMax of systemd, --memory of docker), or set realtime.lock-memory: off",
+        locked_bytes / mebibyte, group->left_bytes() / mebibyte, group->limit_bytes / mebibyte);
   const auto reserve = std::min(total / 20, most_reserve);
   if (total == 0 || available >= locked_bytes + reserve) return "";
   return fmt::format(

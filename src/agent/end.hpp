@@ -63,8 +63,9 @@ class End {
   std::unique_ptr<machine::LinkWatch> link_watch_;  // null: of no interface
 };
 
-// From the text of /proc/meminfo: why this machine has too little memory for an end with locked memory; "":
-// it has enough. Many components could use all memory, and then the kernel kills any process.
-std::string lacks_memory(std::istream& meminfo);
+// From the text of /proc/meminfo and the limit of the control group: why there is too little memory for an
+// end with locked memory; "": there is enough. Many components could use all memory, and then the kernel
+// kills any process.
+std::string lacks_memory(std::istream& meminfo, const std::optional<machine::GroupMemory>&);
 
 }  // namespace ontime::agent

@@ -132,6 +132,24 @@ json describe() {
   return json::parse(description.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
+std::optional<GroupMemory> group_memory() {
+  const auto own = text_of("/proc/self/cgroup").value_or("");
+  std::optional<GroupMemory> least;
+  const auto look = [&](const std::string& folder, const char* limit_file, const char* usage_file) {
+    const auto limit = number(text_of(folder + limit_file)), usage = number(text_of(folder + usage_file));
+    if (!limit || !usage) return;  // "max"
+    const auto used = static_cast<std::uint64_t>(*usage);
+    const auto of_files = parse_file_pages(text_of(folder + "memory.stat").value_or(""));
+    const GroupMemory group{static_cast<std::uint64_t>(*limit), used - std::min(used, of_files)};
+    if (!least || group.left_bytes() < least->left_bytes()) least = group;
+  };
+  for (const auto& group : cgroups_of(own, "memory"))
+    look(fmt::format("/sys/fs/cgroup/memory{}/", group), "memory.limit_in_bytes", "memory.usage_in_bytes");
+  for (const auto& group : cgroups_of(own, ""))
+    look(fmt::format("/sys/fs/cgroup{}/", group), "memory.max", "memory.current");
+  return least;
+}
+
 std::vector<std::string> shared_memory() { return parse_segments(text_of("/proc/self/maps").value_or("")); }
 
 }  // namespace ontime::machine

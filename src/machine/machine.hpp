@@ -3,6 +3,7 @@
 // "machines" made of one. Ordinary thread only.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -31,6 +32,14 @@ struct Error : std::runtime_error {
 // autogroup, clocksource, limits (rtprio, memlock, cgroup memory), memory_bytes, boot_id (the same for all
 // containers on this kernel), and clock: clock_state(). Unreadable values are null, never guessed.
 nlohmann::json describe();
+
+// The control group around this process that leaves it the least memory: its limit, and what is in use
+// without pages of files, which the kernel takes back first. nullopt: no limit is known.
+struct GroupMemory {
+  std::uint64_t limit_bytes = 0, used_bytes = 0;
+  std::uint64_t left_bytes() const { return limit_bytes - std::min(limit_bytes, used_bytes); }
+};
+std::optional<GroupMemory> group_memory();
 
 // "rt", "full", "voluntary", "none", "lazy", or, if only the kernel's version is known, "dynamic" or "none or
 // voluntary". From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
@@ -74,7 +83,7 @@ void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/s
 // exact as two clocks can be read at the same moment.
 nlohmann::json between(const Activity& first, const Activity& last);
 
-// An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).
+// An interface of this machine (of this network namespace), and its IPv4 addresses.
 struct Interface {
   std::string name;
   std::vector<std::string> addresses;

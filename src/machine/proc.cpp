@@ -67,6 +67,17 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
   return {};
 }
 
+std::uint64_t parse_file_pages(const std::string& text) {
+  std::istringstream lines(text);
+  std::uint64_t own = 0, total = 0, bytes = 0;
+  for (std::string name; lines >> name >> bytes;)
+    if (name == "inactive_file" || name == "active_file")
+      own += bytes;
+    else if (name == "total_inactive_file" || name == "total_active_file")
+      total += bytes;
+  return std::max(own, total);  // version 1 has both, version 2 the first
+}
+
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface) {
   const auto counts = field(text, interface);
   if (!counts) return {};

@@ -23,6 +23,10 @@ std::int64_t parse_stall(const std::string& text);
 // is the root). Controller "" is version 2's hierarchy.
 std::vector<std::string> cgroups_of(const std::string& text, const std::string& controller);
 
+// Of the text of a control group's memory.stat, of either version: bytes of pages of files, with those of the
+// groups within.
+std::uint64_t parse_file_pages(const std::string& text);
+
 // Of the text of /proc/net/dev.
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface);
 
