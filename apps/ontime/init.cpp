@@ -28,13 +28,15 @@ struct InitArguments {
   std::string output;
 };
 
-// A host, with the interface and address of its ssh connection.
+// A host, with the interface of its ssh connection, and its IPv4 address there: messages use no other.
 struct Place {
   std::string ssh;  // "": this machine
   std::string interface, address;
   std::string peer;  // the address at the other end of the ssh connection
   bool has_ontime = true;
 };
+
+bool is_ipv6(const std::string& address) { return address.find(':') != address.npos; }
 
 // What a command prints, with its errors, and its exit code.
 std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
@@ -48,13 +50,14 @@ std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
   return {said, WIFEXITED(status) ? WEXITSTATUS(status) : 1};
 }
 
-// Prints both addresses of the ssh connection, the host's interface with the second, and whether ontime is
-// installed.
-constexpr const char* question =
-    "set -- $SSH_CONNECTION; echo ontime-init \"$1\" \"$3\" "
-    "\"$(ip -o addr show 2>/dev/null | awk -v a=\"$3\" '{split($4, b, \"/\"); if (b[1] == a) {print $2; "
-    "exit}}')\" "
-    "\"$(command -v ontime >/dev/null && echo yes || echo no)\"";
+// Prints both addresses of the ssh connection, whether ontime is installed, the host's interface with the
+// second address (of a local one without its %zone), and the first IPv4 address of that interface.
+constexpr const char* question = R"sh(set -- $SSH_CONNECTION
+echo ontime-init "$1" "$3" "$(command -v ontime >/dev/null && echo yes || echo no)" \
+  "$(ip -o addr show 2>/dev/null | awk -v "a=${3%%%*}" '{split($4, b, "/")}
+    b[1] == a && i == "" {i = $2}
+    $3 == "inet" && !($2 in v) {v[$2] = b[1]}
+    END {print i, v[i]}')")sh";
 
 Place place_of(const std::string& host) {
   const auto [said, code] = said_by({"ssh", "-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
@@ -64,13 +67,17 @@ Place place_of(const std::string& host) {
   Place place;
   place.ssh = host;
   std::istringstream words(said.substr(answer));
-  std::string mark, has_ontime;
-  words >> mark >> place.peer >> place.address >> place.interface >> has_ontime;
-  if (has_ontime.empty()) {  // the host has no `ip`, or the address is a router's
-    has_ontime = place.interface;
-    place.interface.clear();
-  }
+  std::string mark, has_ontime, ipv4;
+  // Without an interface the host has no `ip`, or the address is a router's.
+  words >> mark >> place.peer >> place.address >> has_ontime >> place.interface >> ipv4;
   place.has_ontime = has_ontime == "yes";
+  if (!is_ipv6(place.address)) return place;
+  if (ipv4.empty())
+    throw Error(3,
+                fmt::format("{0}: ssh uses the IPv6 address {1}. Messages need an IPv4 address, and none of "
+                            "its interface is known. Fix: ssh by IPv4 (AddressFamily inet in ~/.ssh/config)",
+                            host, place.address));
+  place.address = ipv4;
   return place;
 }
 
@@ -79,6 +86,9 @@ Place this_machine(const Place& other) {
   Place place;
   place.address = other.peer;
   place.interface = machine::interface_to(other.address, "");
+  if (!is_ipv6(place.address)) return place;
+  for (const auto& interface : machine::interfaces())
+    if (interface.name == place.interface) place.address = interface.addresses.at(0);
   return place;
 }
 

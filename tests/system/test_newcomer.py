@@ -143,6 +143,22 @@ class Newcomer(unittest.TestCase):
         self.assertIn("10.9.0.2.yaml exists", self.ontime("init", "root@10.9.0.2", code=2).stderr)
 
     def test_help_fits_and_groups_commands_by_purpose(self):
+    def test_hosts_that_ssh_reaches_by_ipv6_get_their_ipv4_addresses(self):
+        ssh = self.folder / "ssh"
+        ssh.write_text('#!/bin/sh\nfor command; do :; done\nexec sh -c "$command"\n')
+        ssh.chmod(0o755)
+
+        def init(connection, code):
+            return self.ontime("init", "robot", code=code, SSH_CONNECTION=connection, PATH=f"{self.folder}:{os.environ['PATH']}").stderr
+
+        said = init("::1 5000 2001:db8::9 22", 3)
+        self.assertIn("robot: ssh uses the IPv6 address 2001:db8::9. Messages need an IPv4 address", said)
+        self.assertFalse((self.folder / "robot.yaml").exists())
+        init("::1 5000 ::1%lo 22", 0)
+        hosts = [line.strip() for line in (self.folder / "robot.yaml").read_text().splitlines() if "address:" in line]
+        self.assertEqual(hosts, ["controller: {interface: lo, address: 127.0.0.1}",
+                                 "component: {ssh: robot, interface: lo, address: 127.0.0.1}"])
+
         text = self.ontime("--help", LANG="C").stdout
         groups = [line.rstrip(":") for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
         self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
