@@ -26,11 +26,11 @@ using orders::Error;
 
 constexpr int not_executable = 120, no_room = 121, other_machine = 122, libraries_missing = 123;
 
-// $1: the architecture; then for each file its path in the folder and its size. head reads exactly that many
-// bytes from the pipe. A temporary folder may be mounted with noexec: then another folder gets the program. A
-// signal to the whole session ends the keeper; this script then cleans up. If the keeper was killed (exit
-// code 128 or more), a second keeper without orders restores what the journal holds: no other program there
-// can.
+// $1: the architecture; then for each file its path in the folder and its size. dd reads exactly that many
+// bytes from the pipe; BusyBox's head would take more. A temporary folder may be mounted with noexec: then
+// another folder gets the program. A signal to the whole session ends the keeper; this script then cleans up.
+// If the keeper was killed (exit code 128 or more), a second keeper without orders restores what the journal
+// holds: no other program there can.
 constexpr const char* script = R"sh(
 umask 077
 [ "$(uname -m)" = "$1" ] || { uname -m; exit 122; }
@@ -48,7 +48,7 @@ done
 program=$folder/$1
 missing=
 while [ $# -gt 0 ]; do
-  mkdir -p "$folder/${1%/*}" && head -c "$2" >"$folder/$1" && chmod 700 "$folder/$1" || exit 121
+  mkdir -p "$folder/${1%/*}" && dd bs="$2" count=1 iflag=fullblock >"$folder/$1" 2>/dev/null && chmod 700 "$folder/$1" || exit 121
   [ "$(wc -c <"$folder/$1")" = "$2" ] || exit 121
   missing="$missing $(ldd "$folder/$1" | sed -n 's/ => not found//p')"
   shift 2

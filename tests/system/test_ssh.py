@@ -334,6 +334,15 @@ class Ssh(unittest.TestCase):
         self.assertGreater(self.report()[0]["sent"], 0)
         self.assertEqual(self.report()[0]["lost"], 0)
 
+    def test_deploy_works_with_busybox(self):
+        if not shutil.which("busybox"):
+            self.skipTest("no busybox: sudo apt install busybox-static")
+        scenario = self.scenario_with_another("busybox", '#!/bin/sh\nexec /usr/bin/busybox "${0##*/}" "$@"\n')
+        for name in ("chmod", "dd", "head", "mkdir", "mktemp", "rm", "sed", "sh", "sort", "uname", "wc"):
+            (self.own / "far-bin" / name).symlink_to("busybox")
+        answer = self.run_ontime(scenario, "--deploy")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+
     def test_deploy_where_libraries_are_missing_names_their_packages(self):
         there = self.scenario_with_another("ldd", "#!/bin/sh\necho '\tlibfmt.so.9 => not found'\n")
         answer = self.run_ontime(there, "--deploy")
