@@ -32,7 +32,7 @@ struct Look::Parts {
       return "threaded-napi on the namespaces' interfaces needs gro: on";
     const auto looked = machines.look(wishes);
     if (looked.size() < hosts.components.size() + 1)
-      return "a host's command prefix is not [ip, netns, exec, NAME]: the keeper cannot read it";
+      return "a host's command prefix is not [ip, netns, exec, NAME]: ontime cannot look there";
     for (const auto& [host, found] : looked) {
       if (!found.at("is_root")) return of(host, "needs root. Fix: run as root");
       if (const std::string why = found.at("cannot"); why.starts_with(name + ": "))

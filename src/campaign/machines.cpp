@@ -172,8 +172,8 @@ void Machines::add(const std::string& host, const Host& where) {
     try {
       window_came_(host, trace::window_of(frame.message.at("window")));
     } catch (const trace::Error& error) {
-      throw Error(
-          3, fmt::format("the keeper of the {}'s machine sent an invalid trace ({})", host, error.what()));
+      throw Error(3,
+                  fmt::format("ontime on the {}'s machine sent an invalid trace ({})", host, error.what()));
     }
   });
   // Both ends cut the link; the time is taken from the controller, whose clock all times are in.
@@ -187,7 +187,7 @@ void Machines::add(const std::string& host, const Host& where) {
 
 void Machines::start_keeper(Machine& machine) {
   const auto& where = machine.where;
-  const auto name = "the keeper of the " + machine.hosts.front() + "'s machine";
+  const auto name = fmt::format("ontime on the {}'s machine", machine.hosts.front());
   auto command = command_of(where, {}, "keeper");
   orders::Between between;
   if (!where.ssh.empty()) {
@@ -212,7 +212,7 @@ void Machines::open(Machine& machine, const Transports& transports) {
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
   tell(opened.at("notes"));
   if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
-    throw Error(3, fmt::format("{}: {}. Or choose another transport", machine.keeper->name(),
+    throw Error(3, fmt::format("the {}'s machine: {}. Or choose another transport", machine.hosts.front(),
                                fmt::join(lacks, "; ")));
 }
 
@@ -226,7 +226,7 @@ void Machines::tell_of_two_ways() {
     if (!is_new)
       observer_.note(
           fmt::format("the {} and the {} are on one machine, but with different ssh or host prefix: two "
-                      "keepers change its settings. Fix: state the same for both",
+                      "ontimes change its settings. Fix: state the same for both",
                       first->second, machine.hosts.front()));
   }
 }
@@ -320,12 +320,12 @@ void Machines::give_back_anew(Machine& machine) noexcept {
     leave(machine);
   } catch (const std::exception& error) {
     observer_.note(
-        fmt::format("the keeper of the {}'s machine is lost, and a new one could not be started ({}). Its "
+        fmt::format("ontime on the {}'s machine is lost, and a new one could not be started ({}). Its "
                     "changes may remain. Fix: run `ontime tune revert` there",
                     machine.hosts.front(), error.what()));
   } catch (const orders::Interrupted&) {
     observer_.note(
-        fmt::format("interrupted: changes by the keeper of the {}'s machine may remain. Fix: run `ontime "
+        fmt::format("interrupted: ontime's changes of the {}'s machine may remain. Fix: run `ontime "
                     "tune revert` there",
                     machine.hosts.front()));
   }

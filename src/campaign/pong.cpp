@@ -122,7 +122,7 @@ class Traced {
   void take(trace::Window window) {
     const auto number = window.span.message;
     if (number < given_ || number - given_ >= asked_.size())
-      throw Error(3, "the keeper of this machine sent an unexpected event (a bug: please report)");
+      throw Error(3, "the trace of this machine has an unexpected window (a bug: please report)");
     const auto [session, message] = asked_[number - given_];
     window.span.message = message;
     for (auto& ping : pings_)

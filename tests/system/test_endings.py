@@ -124,7 +124,7 @@ class Endings(Program):
         _, error = process.communicate(timeout=120)
         self.assertEqual(process.returncode, 130, error)
         self.assertTrue(self.nothing_left(), error + self.what_is_left())
-        self.assertIn("waiting for the keeper", error)
+        self.assertIn("waiting for ontime on the", error)
 
     def test_keeper_that_is_killed_as_its_run_is_interrupted_leaves_nothing(self):
         for interruptions in (1, 2):
@@ -157,7 +157,7 @@ class Endings(Program):
         error = ""
         for line in process.stderr:
             error += line
-            if re.search("waiting for the keeper .*stress-ng", line):
+            if re.search("waiting for ontime on the .*stress-ng", line):
                 break
         self.assertIsNone(process.poll(), "it left, and the load was still there: " + error)
         process.send_signal(signal.SIGINT)
@@ -252,7 +252,7 @@ class Endings(Program):
         kill_at_once(*self.keepers())
         out, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 3, error)
-        self.assertIn("the keeper of the component's machine", error)
+        self.assertIn("ontime on the component's machine", error)
         self.assertIn("round trips in ms", out)
         self.assertEqual([(run["id"], run["complete"]) for run in self.report()], [("one", True), ("two", False)])
         self.assertTrue(os.path.exists(os.path.join(self.folder, "results.html")))
@@ -314,7 +314,7 @@ class Endings(Program):
     def test_keeper_that_is_stopped_is_named_and_its_machine_given_back(self):
         process = self.loaded_run()
         os.kill(self.keepers()[0], signal.SIGSTOP)
-        self.assert_ended_and_kept(process, "the keeper of the .* was silent for 10 s")
+        self.assert_ended_and_kept(process, "ontime on the .* was silent for 10 s")
 
     def test_coordinator_that_is_stopped_is_left_alone_and_the_machine_given_back(self):
         process = self.loaded_run()

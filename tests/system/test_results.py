@@ -242,7 +242,8 @@ class Results(results.Results):
         said = self.ontime("run", path, code=3).stderr
         self.assertIn("2 problems", said)
         self.assertIn("controller", said)
-        self.assertIn("unheard-of", said)
+        self.assertIn("the component's machine: no transport 'unheard-of'", said)
+        self.assertNotIn("keeper of", said)  # a word of ontime's own
         self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unready.yaml"])
 
     def test_a_ping_without_a_pong_leaves_no_run(self):

@@ -157,7 +157,7 @@ class Ssh(unittest.TestCase):
     def test_one_machine_reached_in_two_ways_is_said(self):
         answer = self.run_ontime(self.scenario())
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertRegex(answer.stderr, "are on one machine.*two keepers")
+        self.assertRegex(answer.stderr, "are on one machine.*two ontimes")
 
     def test_a_search_looks_at_the_machine_behind_ssh_before_its_first_run(self):
         command = ["ip", "netns", "exec", NEAR, ONTIME, "tune", "search", self.scenario(), "--goal", "p50 < 1 s",
