@@ -2,13 +2,17 @@
 #include "run_flags.hpp"
 
 #include <algorithm>
+#include <iterator>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include "flags.hpp"
+#include "process/process.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/settings.hpp"
+#include "table/table.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::app {
@@ -21,6 +25,19 @@ namespace {
 std::string transports_here() {
   const auto names = transport::available();
   return names.empty() ? "no transport is installed" : fmt::format("installed: {}", fmt::join(names, ", "));
+}
+
+// The command as it was given, with the transport that needs least; "" without any.
+std::string with_a_transport() {
+  const auto here = transport::available();
+  if (here.empty()) return "";
+  const auto* shipped =
+      std::ranges::find_first_of(transport::all_shipped, here, {}, &transport::Shipped::name);
+  const bool is_shipped = shipped != std::end(transport::all_shipped);
+  auto words = process::command_line();
+  words.insert(words.end(), {"--transport", is_shipped ? std::string(shipped->name) : here.front()});
+  const auto line = table::line_to_paste(words);
+  return line ? ". Fix: " + *line : "";
 }
 
 // For programs of this machine.
@@ -83,7 +100,7 @@ campaign::Run RunFlags::run() const {
   run.task.config.peers = peers_;
   run.task.config.interface = interface_;
   if (run.task.transport.empty())
-    throw Error(2, fmt::format("--transport NAME is missing; {}", transports_here()));
+    throw Error(2, fmt::format("--transport NAME is missing; {}{}", transports_here(), with_a_transport()));
   try {
     campaign::complete(run);
     campaign::check_transports(run);

@@ -115,7 +115,8 @@ class Newcomer(unittest.TestCase):
 
     def test_transports_are_listed_where_one_is_needed(self):
         for command in ("ping", "pong"):
-            self.assertIn("udp", self.ontime(command, code=2).stderr)
+            self.assertIn(f". Fix: {ONTIME} {command} --payload '1 kB' --transport udp\n",
+                          self.ontime(command, "--payload", "1 kB", code=2).stderr)
             self.assertIn("installed: ", self.ontime(command, "--help").stdout)
 
     def test_runs_are_named_in_one_way(self):
@@ -142,7 +143,6 @@ class Newcomer(unittest.TestCase):
         (self.folder / "10.9.0.2.yaml").write_text("mine")
         self.assertIn("10.9.0.2.yaml exists", self.ontime("init", "root@10.9.0.2", code=2).stderr)
 
-    def test_help_fits_and_groups_commands_by_purpose(self):
     def test_hosts_that_ssh_reaches_by_ipv6_get_their_ipv4_addresses(self):
         ssh = self.folder / "ssh"
         ssh.write_text('#!/bin/sh\nfor command; do :; done\nexec sh -c "$command"\n')
@@ -159,6 +159,7 @@ class Newcomer(unittest.TestCase):
         self.assertEqual(hosts, ["controller: {interface: lo, address: 127.0.0.1}",
                                  "component: {ssh: robot, interface: lo, address: 127.0.0.1}"])
 
+    def test_help_fits_and_groups_commands_by_purpose(self):
         text = self.ontime("--help", LANG="C").stdout
         groups = [line.rstrip(":") for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
         self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
