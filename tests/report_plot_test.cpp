@@ -315,6 +315,33 @@ TEST(Gnuplot, RunWithoutBackgroundTopicsIsDrawnAtTheLeftEdge) {
       << "no power of ten between 'none' and 20";
 }
 
+// Neither of them was measured at the median of both.
+TEST(Gnuplot, AgainstThePayloadEachConditionHasItsOwnLine) {
+  Summaries runs;
+  for (const auto payload : {64, 1024})
+    for (const bool realtime : {false, true}) {
+      auto& run = runs.emplace_back(plotted("size", "udp"));
+      amend(run.run.asked, {{"payload_bytes", payload}, {"realtime", realtime}});
+      run.run.key = fmt::format("{} {}", payload, realtime);
+      run.round_trip = statistics::distribution(std::vector<std::int64_t>(2, realtime ? ms : 2 * ms));
+    }
+  const auto commands = gnuplot_of(runs, {Plot::Figure::payload, Plot::Form::svg, false});
+  EXPECT_THAT(commands, HasSubstr("'size udp SCHED_OTHER'"));
+  EXPECT_THAT(commands, HasSubstr("$run0 << END\n64 2 2 2\n1024 2 2 2\nEND"));
+  EXPECT_THAT(commands, HasSubstr("'size udp real-time settings'"));
+  EXPECT_THAT(commands, HasSubstr("$run1 << END\n64 1 1 1\n1024 1 1 1\nEND"));
+  EXPECT_THAT(commands, Not(HasSubstr("repetition")));
+}
+
+TEST(Gnuplot, AgainstTheRateBackgroundTopicsThatDifferAreNotOneLine) {
+  Summaries runs{beside(0), beside(100), beside(1000), beside(100), beside(1000)};
+  for (auto* run : {&runs[3], &runs[4]}) amend(run->run.asked, "/neighbours/topics", 10);
+  const auto commands = gnuplot_of(runs, {Plot::Figure::background, Plot::Form::svg, false});
+  for (const auto* name : {"'a udp'", "'a udp 3 background topics", "'a udp 10 background topics"})
+    EXPECT_THAT(commands, HasSubstr(name));
+  EXPECT_THAT(commands, Not(HasSubstr("Hz"))) << "that is where it stands";
+}
+
 TEST(Gnuplot, PayloadOf0BytesIsNotNamed1) {
   auto empty = plotted("a", "udp"), other = plotted("a", "udp");
   amend(empty.run.asked, "/payload_bytes", 0);

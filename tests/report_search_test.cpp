@@ -167,9 +167,9 @@ TEST(Plots, MarkAStepOfWhichAllMessagesWereLost) {
       << "at the deadline of 10 ms";
   EXPECT_THAT(text, HasSubstr(":14]\n")) << "which is within the axes";
   EXPECT_THAT(gnuplot_of({bad}, {Plot::Figure::background}), Not(HasSubstr("$run0")));
-  auto open_end = bad;
-  amend(open_end.run.asked, "/deadline_us", 0);
-  text = gnuplot_of({good, open_end}, {Plot::Figure::background});
+  auto without = good, open_end = bad;
+  for (auto* run : {&without, &open_end}) amend(run->run.asked, "/deadline_us", 0);
+  text = gnuplot_of({without, open_end}, {Plot::Figure::background});
   EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 2.772\nEND")) << "at the top";
   EXPECT_THAT(text, HasSubstr(":2.772]\n"));
   text =
@@ -184,29 +184,30 @@ TEST(Plots, PayloadFigureMarksMisses) {
 
 TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
   auto single = step(0, "100 Hz", 0), multi = step(0, "100 Hz", 0);
-  amend(single.run.asked, "/search/among", "options.executor single");
-  amend(multi.run.asked, "/search/among", "options.executor multi");
+  amend(single.run.asked, "/options/executor", "single");
+  amend(multi.run.asked, "/options/executor", "multi");
   auto arms = multi;
   amend(arms.run.asked, "/component", "arm");
   amend(multi.run.outcome, "/error", "no answer");
-  auto sizes = step(0, "1 kB", 0);
-  amend(sizes.run.asked, "/search/key", "background.payload");
-  EXPECT_THAT(gnuplot_of({sizes}, {Plot::Figure::background}),
-              HasSubstr("cyclonedds background.payload 1 kB'"));
+  auto sizes = multi;
+  amend(sizes.run.asked, "/neighbours/payload_bytes", 1000);
+  EXPECT_THAT(gnuplot_of({single, sizes}, {Plot::Figure::background, Plot::Form::svg, true}),
+              HasSubstr("executor multi, 4 background topics of 1000 B"));
   const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::background});
-  EXPECT_THAT(text, AllOf(HasSubstr("cyclonedds single'"), HasSubstr("cyclonedds multi'"),
-                          HasSubstr("cyclonedds arm multi'")));
+  EXPECT_THAT(text, AllOf(HasSubstr("cyclonedds executor single'"), HasSubstr("cyclonedds executor multi'"),
+                          HasSubstr("cyclonedds component arm, executor multi'")));
   EXPECT_THAT(text, AllOf(HasSubstr("$missed1 << END\n100 1.98 1.98 1.98\nEND"), Not(HasSubstr("$missed0"))))
       << "a run that failed is no good one";
 }
 
 TEST(Plots, PayloadFigureDrawsALineForEachVariant) {
   auto one = step(0, "", 0), other = step(0, "", 0);
-  for (auto* run : {&one, &other}) amend(run->run.asked, "/search", nullptr);
-  amend(one.run.asked, "/variant", "payload 1 KiB, receive waitset");
-  amend(other.run.asked, "/variant", "payload 1 KiB, receive listener");
+  amend(one.run.asked,
+        {{"search", nullptr}, {"variant", "payload 1 KiB, receive waitset"}, {"receive", "waitset"}});
+  amend(other.run.asked,
+        {{"search", nullptr}, {"variant", "payload 1 KiB, receive listener"}, {"receive", "listener"}});
   EXPECT_THAT(gnuplot_of({one, other}, {Plot::Figure::payload}),
-              AllOf(HasSubstr("cyclonedds receive waitset'"), HasSubstr("cyclonedds receive listener'")));
+              AllOf(HasSubstr("cyclonedds waitset'"), HasSubstr("cyclonedds listener'")));
 }
 
 }  // namespace

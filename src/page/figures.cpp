@@ -115,7 +115,7 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
   auto runs = json::array();
   const auto groups = by_id(summaries);
   for (const auto& group : groups) {
-    const auto labels = labels_apart(group);
+    const auto labels = labels_apart(group), lines = labels_without_repetition(group, " ", "payload");
     for (std::size_t i = 0; i < group.size(); ++i) {
       const auto& summary = *group[i];
       const auto& asked = summary.run.asked;
@@ -123,8 +123,8 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
                       {"ontime", printable(asked.ontime)},
                       {"id", word(asked.id)},
                       {"label", labels[i]},
+                      {"line", word(asked.id) + " " + lines[i]},  // against the payload
                       {"quantity", quantity_of(asked)},
-                      {"transport", word(asked.task.transport)},
                       {"payload_bytes", asked.task.client.payload_bytes},
                       {"deadline_ns", ns_of(asked.task.client.deadline)},
                       {"sent", summary.sent},

@@ -5,7 +5,6 @@
 #include <iterator>
 #include <map>
 #include <set>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -54,23 +53,6 @@ std::optional<double> rate_of_background_hz(const Summary& summary) {
 constexpr Abscissa rate_of_background{"background.rate",
                                       "Background topics: messages/s, each topic and direction", "none",
                                       "of unknown rate", rate_of_background_hz};
-
-// What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
-std::string line_of(const Summary& summary, const Abscissa& abscissa) {
-  const auto& asked = summary.run.asked;
-  const auto& search = asked.step;
-  auto name = id_of(asked) + " " + word(asked.task.transport);
-  if (conditions::is_named(asked)) name += " " + word(asked.component);
-  if (!search.key.empty() && search.key != abscissa.key)
-    name += " " + word(search.key) + " " + word(search.value);
-  std::istringstream parts(printable(search.key.empty() ? asked.variant : search.among));
-  for (std::string part; std::getline(parts, part, ',');) {
-    part.erase(0, part.find_first_not_of(' '));
-    if (conditions::current_key(part.substr(0, part.find(' '))) == abscissa.key) continue;
-    name += part.starts_with("options.") ? part.substr(std::min(part.find(' '), part.size())) : " " + part;
-  }
-  return name;
-}
 
 bool missed_any(const Summary& summary) {
   const auto fates = statistics::fates_of(summary);
@@ -151,12 +133,14 @@ std::string plot_against(const Group& group, const Plot& plot) {
   double least = 1e12, greatest = 0;
   std::size_t unknown = 0;
   Group drawn;
-  for (const auto* summary : group) {
+  const auto names = lines_against(group, abscissa.key);
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const auto* summary = group[i];
     const auto x = abscissa.of(*summary);
     unknown += x ? 0 : 1;
     // What lost all of its messages is the worst there is: it has no round trip, but it has a ×.
     if (!x || (summary->round_trip.count == 0 && !missed_any(*summary))) continue;
-    series[line_of(*summary, abscissa)][*x].push_back(summary);
+    series[names[i]][*x].push_back(summary);
     drawn.push_back(summary);
     axis.add(*x);
     if (summary->round_trip.count == 0) {

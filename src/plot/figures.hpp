@@ -27,6 +27,8 @@ struct Condition {
 };
 std::vector<Condition> conditions_of(const Group&);  // in the order of their first runs
 std::vector<std::string> names_of(const Group&);     // of each run: what tells it from the others
+// Of each run the line that it is on, where runs are drawn against a condition: "payload".
+std::vector<std::string> lines_against(const Group&, const std::string& key);
 
 inline double ms(double ns) { return ns / 1e6; }
 inline double ms(std::int64_t ns) { return ms(static_cast<double>(ns)); }

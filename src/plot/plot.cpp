@@ -74,6 +74,13 @@ std::vector<std::string> names_of(const Group& group) {
   return names;
 }
 
+std::vector<std::string> lines_against(const Group& group, const std::string& key) {
+  auto lines = within_ids(
+      group, [&](const Group& runs) { return labels_without_repetition(runs, between_conditions, key); });
+  for (std::size_t i = 0; i < group.size(); ++i) lines[i] = id_of(group[i]->run.asked) + " " + lines[i];
+  return lines;
+}
+
 std::vector<Condition> conditions_of(const Group& group) {
   const auto labels_of_runs = [](const Group& runs) {
     return labels_without_repetition(runs, between_conditions);

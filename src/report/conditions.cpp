@@ -7,6 +7,7 @@
 #include <map>
 #include <set>
 #include <string_view>
+#include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
@@ -34,13 +35,18 @@ bool may_have(const Summary& summary, const std::string& key) {
   return by_facts && summary.run.outcome.hosts.empty();
 }
 
+// Whether both are of the same part of a scenario: "background.where" and "background.rate".
+bool is_beside(std::string_view key, std::string_view other) {
+  return key.substr(0, key.find('.')) == other.substr(0, other.find('.'));
+}
+
 // What all runs of a group share, in words, and for each run what not all share.
 struct Compared {
   std::vector<Phrase> shared;
   std::vector<std::vector<Phrase>> own;
 };
 
-Compared compare(const Group& group) {
+Compared compare(const Group& group, const std::string& against = "") {
   Compared result;
   for (const auto* summary : group) result.own.push_back(phrases_of(*summary));
   std::set<std::string> compared;
@@ -50,13 +56,18 @@ Compared compare(const Group& group) {
       bool common = true;
       for (std::size_t i = 0; i < group.size() && common; ++i) {
         const auto* other = find(result.own[i], phrase.key);
-        common = other == nullptr ? may_have(*group[i], phrase.key) : other->text == phrase.text;
+        common = other != nullptr
+                     ? other->text == phrase.text
+                     : may_have(*group[i], phrase.key) ||
+                           (is_beside(phrase.key, against) && find(result.own[i], against) == nullptr);
       }
       if (common) result.shared.push_back(phrase);
     }
   }
   for (auto& phrases : result.own)
-    std::erase_if(phrases, [&](const auto& phrase) { return find(result.shared, phrase.key) != nullptr; });
+    std::erase_if(phrases, [&](const auto& phrase) {
+      return phrase.key == against || find(result.shared, phrase.key) != nullptr;
+    });
   return result;
 }
 
@@ -97,12 +108,13 @@ bool is_option_of_both(const std::string& key, const Summary& summary) {
 
 // Adds the varied values that no phrase shows yet: "qos.depth" is already in the phrase "qos". The transport
 // begins the label.
-void add_variant(std::vector<std::string>& parts, const Summary& summary,
-                 const std::vector<Phrase>& phrases) {
+void add_variant(std::vector<std::string>& parts, const Summary& summary, const std::vector<Phrase>& phrases,
+                 const std::string& against) {
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
                                          "background", "kernel", "isolation"};
   for (const auto& [key, value] : varied(summary)) {
-    const bool told = key == "component.transport" || is_option_of_both(key, summary) ||
+    const bool told = conditions::current_key(key) == against || key == "component.transport" ||
+                      is_option_of_both(key, summary) ||
                       std::ranges::any_of(phrases, [&, &key = key](const Phrase& phrase) {
                         const bool is_group = std::ranges::find(groups, phrase.key) != std::end(groups);
                         return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
@@ -112,14 +124,15 @@ void add_variant(std::vector<std::string>& parts, const Summary& summary,
 }
 
 // Runs with different keys are not repetitions, even if this ontime has no words for the difference: their
-// labels get the number of the first run with that key.
-void tell_conditions_apart(std::vector<std::string>& labels, const Group& group) {
+// labels get the number of the first run with that key. At different places, keys differ anyway.
+void tell_conditions_apart(std::vector<std::string>& labels, const Group& group,
+                           const std::vector<std::string>& places) {
   using Firsts = std::map<std::string, std::int64_t>;  // by key
-  std::map<std::pair<std::string, std::string>, Firsts> by_label;
+  std::map<std::tuple<std::string, std::string, std::string>, Firsts> by_label;
   std::vector<const Firsts*> of_run;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& run = group[i]->run;
-    auto& firsts = by_label[{run.asked.id, labels[i]}];
+    auto& firsts = by_label[{run.asked.id, labels[i], places[i]}];
     firsts.try_emplace(run.key, run.number);
     of_run.push_back(&firsts);
   }
@@ -172,20 +185,24 @@ std::string workers(const conditions::Workers& load) {
   return join(parts, ", ");
 }
 
-std::vector<std::string> labels_without_repetition(const Group& group, std::string_view separator) {
-  const auto compared = compare(group);
-  std::vector<std::string> labels;
+std::vector<std::string> labels_without_repetition(const Group& group, std::string_view separator,
+                                                   const std::string& against) {
+  const auto compared = compare(group, against);
+  std::vector<std::string> labels, places;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& asked = group[i]->run.asked;
     const auto transport = asked.is_listened() ? "" : word(asked.task.transport) + " ";
     std::vector<std::string> parts;
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
       parts.push_back(phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0));
-    add_variant(parts, *group[i], phrases_of(*group[i]));
+    const auto phrases = phrases_of(*group[i]);
+    add_variant(parts, *group[i], phrases, against);
+    const auto* place = find(phrases, against);
+    places.push_back(place == nullptr ? "" : place->text);
     auto& label = labels.emplace_back(transport + join(parts, separator));
     if (label.ends_with(' ')) label.pop_back();
   }
-  tell_conditions_apart(labels, group);
+  tell_conditions_apart(labels, group, places);
   return labels;
 }
 

@@ -16,8 +16,11 @@ namespace ontime::report {
 // A label for each run of a group: its transport, and in words the conditions that differ between the runs.
 // Repetitions have their number. `separator`: between these conditions.
 std::vector<std::string> labels_of(const Group&, std::string_view separator = " ");
-// Repetitions of a run have the same label, and only they.
-std::vector<std::string> labels_without_repetition(const Group&, std::string_view separator = " ");
+// Repetitions of a run have the same label, and only they. `against`: a condition that the runs are drawn
+// against, as "payload": it is left out, and runs that differ in nothing else have the same label. A run
+// without background topics fits each rate of them, where the other runs have the same topics.
+std::vector<std::string> labels_without_repetition(const Group&, std::string_view separator = " ",
+                                                   const std::string& against = "");
 // Repetitions together, by their label, in the order in which their first one ran.
 std::vector<std::pair<std::string, Group>> alike(const Group&);
 // Equal labels get the number of their run.

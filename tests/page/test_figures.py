@@ -169,6 +169,20 @@ class Figures(Opened):
         self.assertAlmostEqual(mark[1], there, delta=1, msg="the mark is as high as the curve where it stands")
         self.assert_quiet(opened)
 
+    def test_each_condition_has_its_own_line_against_the_payload(self):
+        runs = []
+        for payload, realtime in ((64, False), (64, True), (1024, False), (1024, True)):
+            rows = [[*row[:6], 200_000 if realtime else 900_000, *row[7:]] for row in results_file.samples(len(runs) + 1, 100)]
+            runs.append((results_file.asked(100, id="size", payload_bytes=payload, realtime=realtime), results_file.outcome(), rows))
+        opened = self.browser()
+        opened.open(self.page_of(self.results(runs)))
+        names = opened.run("return [...document.querySelectorAll('figure.payload .names span')].map(one => one.textContent)")
+        self.assertEqual(names, ["size udp SCHED_OTHER", "size udp real-time settings"])
+        opened.type("figure.payload svg", "\ue011")  # Home
+        self.assertIn("size udp SCHED_OTHER p50 900 µs, p99 900 µs · size udp real-time settings p50 200 µs",
+                      opened.text("figure.payload .readout"), "what was measured, not the median of both")
+        self.assert_quiet(opened)
+
     def test_one_answer_alone_in_its_column_can_be_seen(self):
         count = 4_000
         rows = [list(row) for row in results_file.samples(1, count)]

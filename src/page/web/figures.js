@@ -411,7 +411,7 @@ function drawHistogram(figure) {
 function drawPayload(figure) {
   const runs = runsOf(figure);
   if (runs.length === 0) return;
-  const groups = d3.nest().key(run => `${run.id} ${run.transport}`).entries(runs);
+  const groups = d3.nest().key(run => run.line).entries(runs);
   const sizes = [...new Set(runs.map(run => Math.max(run.payload_bytes, 1)))].sort(d3.ascending);
   const times = [d3.min(runs, run => run.round_trip.p50) * 0.7, d3.max(runs, run => run.round_trip.p99) * 1.4];
   const line = (values, x, y, figureOf, dashes, wide) => {  // a dot, or a stroke so wide, where it was measured
