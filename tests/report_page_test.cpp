@@ -10,6 +10,7 @@
 #include "gate/gate.hpp"
 #include "page/course.hpp"
 #include "page/page.hpp"
+#include "page/parts.hpp"
 #include "record/record.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
@@ -295,6 +296,24 @@ Summary judged(std::uint64_t on_time, std::uint64_t late, std::uint64_t lost) {
   run.sent = on_time + late + lost;
   run.round_trip = statistics::distribution({300'000, 12 * ms});
   return run;
+}
+
+TEST(Drawing, DeadlineThatWasMissedStandsBeforeTheAnswer) {
+  explain::Message message{.sample = sample(0, 9'800'000)};
+  auto& of = message.sample;
+  for (auto* time : {&of.woke_ns, &of.sent_ns, &of.received_ns}) *time += ms;
+  explain::Scene scene;
+  scene.legs = {{"sender wake-up", of.due_ns, of.woke_ns}, {"both legs", of.sent_ns, of.received_ns}};
+  const auto after_due = [&](const char* name) {
+    std::map<std::string, std::int64_t> at;
+    const auto drawing = page::drawing_of(message, scene, 10 * ms);
+    for (const auto& mark : drawing.at("marks")) at[mark.at(0)] = mark.at(1);
+    return at.contains(name) ? at.at(name) - at.at("due") : -1;
+  };
+  EXPECT_EQ(after_due("back"), 10'800'000);
+  EXPECT_EQ(after_due("deadline"), 11 * ms);
+  message.late_by_response = true;
+  EXPECT_EQ(after_due("deadline"), 10 * ms);
 }
 
 TEST(Verdict, BoundIsNeverRoundedBelowItself) {

@@ -160,7 +160,9 @@ class Drawing {
     if (scene_.there_ns) mark("at server", *scene_.there_ns);
     if (scene_.answered_ns) mark("answered", *scene_.answered_ns);
     if (sample.fate != Fate::lost) mark("back", sample.received_ns);
-    if (deadline_ns_ > 0) mark("deadline", sample.sent_ns + deadline_ns_);
+    // The one that it missed.
+    const auto since_ns = message_.late_by_response ? scene_.legs.front().from_ns : sample.sent_ns;
+    if (deadline_ns_ > 0) mark("deadline", since_ns + deadline_ns_);
   }
 
   // Whether the culprit was at work then: on that CPU, or without a CPU anywhere.
