@@ -54,8 +54,8 @@ std::vector<Message> chosen(const Account& account, std::size_t most) {
 std::string heading_of(const Message& message) {
   const auto which = "Message " + grouped(message.sample.index);
   if (message.sample.fate == Fate::lost) return which + " was lost";
-  return fmt::format("{} was {} {} more than usual", which,
-                     message.is_fault() ? std::string(word_of(message)) + ":" : "on time, but took",
+  return fmt::format("{} was {} delayed by {}", which,
+                     message.is_fault() ? std::string(word_of(message)) + ":" : "on time, but",
                      span_of(message.delay_ns));
 }
 

@@ -116,7 +116,7 @@ class Page(Opened):
         self.assertIn("1 of 2 pong's receive thread waited for a CPU while hog ran: 20.0 ms", opened.text(".culprits"))
         self.assertIn("NETFILTER_DROP", opened.text(".culprits"))
         late = "figure.way[data-drawing='1']"
-        self.assertIn("Message 50 was late: 20.0 ms more than usual", opened.text(f"{late} figcaption"))
+        self.assertIn("Message 50 was late: delayed by 20.0 ms", opened.text(f"{late} figcaption"))
         box = opened.run("""const box = document.querySelector(arguments[0] + " .bar.other.culprit rect").getBBox();
             return [box.width, document.querySelector(arguments[0] + " .lane").getBBox().width];""", late)
         self.assertGreater(box[0], 0.8 * box[1], "the culprit had the CPU for most of what is shown")
