@@ -225,6 +225,22 @@ TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   EXPECT_THAT(commands, Not(HasSubstr("set label 'p99"))) << "too few messages: it is not drawn";
 }
 
+TEST(Gnuplot, LegendOfConditionsNamesTheThinLineAndSaysWhyAMetricIsMissing) {
+  auto few = plotted("a", "udp"), enough = plotted("a", "fastdds");
+  enough.round_trip = statistics::distribution(std::vector<std::int64_t>(200, ms));
+  const auto of = [](const Summaries& runs) {
+    return gnuplot_of(runs, {Plot::Figure::conditions, Plot::Form::svg, false});
+  };
+  EXPECT_THAT(of({few, enough}), HasSubstr("set label 'from the fastest to the slowest'"));
+  EXPECT_THAT(of({few, enough}), HasSubstr("set label 'no p99, p99.9: too few answers in a run'"));
+  EXPECT_THAT(of({enough}), HasSubstr("set label 'no p99.9: too few answers in a run'"));
+  auto many = enough, gone = plotted("b", "udp");
+  many.round_trip = statistics::distribution(std::vector<std::int64_t>(2000, ms));
+  gone.round_trip = {};
+  EXPECT_THAT(of({many, gone}), Not(HasSubstr("too few"))) << "nothing was answered, which the row says";
+  EXPECT_THAT(of({gone}), Not(HasSubstr("fastest")));
+}
+
 TEST(Gnuplot, ConditionsDrawsNoBarWhereARunHasNoInterval) {
   auto run = plotted("a", "udp");
   const auto of_run = [&] { return gnuplot_of({run}, {Plot::Figure::conditions, Plot::Form::svg, false}); };

@@ -8,6 +8,7 @@
 
 #include "plot/figures.hpp"
 #include "report/answer.hpp"
+#include "report/words.hpp"
 
 namespace ontime::plot {
 namespace {
@@ -24,6 +25,7 @@ constexpr std::array metrics = {
     Drawn{Figure::p99, "pointtype 9 pointsize 0.55 linecolor rgb '#009e73'"},
     Drawn{Figure::p99_9, "pointtype 5 pointsize 0.45 linecolor rgb '#882255'"},
     Drawn{Figure::max, "pointtype 2 pointsize 0.45 linewidth 1 linecolor rgb '#000000'"}};
+constexpr const char* whole_style = "linewidth 0.7 linecolor rgb '#888888'";
 constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#b0000000"};
 
 struct Bar {
@@ -47,24 +49,35 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, const Rang
   return found;
 }
 
+bool is_answered(const Group& runs) {
+  return std::ranges::any_of(runs, [](const auto* run) { return run->round_trip.count > 0; });
+}
+
 std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {
   const auto repeated = static_cast<std::size_t>(
       std::ranges::count_if(conditions, [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
+  std::vector<std::string> missing;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
+    const std::string name = statistics::metric_of(metrics[i].figure).name;
     bool is_drawn = false, has_bar = false;
     for (const auto& condition : conditions)
       if (const auto found = found_in(condition.runs, metrics[i], {})) {
         is_drawn = true;
         has_bar = has_bar || found->bar;
+      } else if (is_answered(condition.runs)) {
+        add_once(missing, name);
       }
     if (!is_drawn) continue;
-    entries.push_back({statistics::metric_of(metrics[i].figure).name,
-                       has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
+    entries.push_back({name, has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
                        metrics[i].point});
   }
+  if (is_answered(group)) entries.push_back({"from the fastest to the slowest", whole_style});
   if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
     entries.push_back({deadline_text(deadlines), deadline_style});
+  if (!missing.empty())
+    entries.push_back({fmt::format("no {}: too few {} in a run", join(missing, ", "),
+                                   report::all_listened(group) ? "messages" : "answers")});
   if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median"});
   if (repeated < conditions.size())
     entries.push_back(
@@ -103,7 +116,7 @@ struct Lines {
       sheet.data(name, lines);
       parts.push_back(fmt::format("${} {}", name, with));
     };
-    add("extents", extents, "with lines linewidth 0.7 linecolor rgb '#888888'");
+    add("extents", extents, fmt::format("with lines {}", whole_style));
     add("deadlines", deadlines, fmt::format("with lines {}", deadline_style));
     for (std::size_t m = 0; m < metrics.size(); ++m)
       add(fmt::format("bars{}", m), bars[m],
