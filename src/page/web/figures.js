@@ -35,6 +35,9 @@ function timeAxis(scale, logarithmic, most, axis = d3.axisLeft) {
   return axis(scale).tickValues(values.length > 1 ? values : ticks).tickFormat(time);
 }
 
+// Read before the first figure is drawn: between figures, the browser would lay out the whole page for each.
+const WIDTHS = new Map([...document.querySelectorAll("figure")].map(figure => [figure, figure.clientWidth]));
+
 // An SVG with axes and tools, as wide as its figure. `runs` and `key`, which tells what its marks mean, are for a saved file.
 class Frame {
   constructor(figure, { height, margin, runs, key = () => [] }) {
@@ -73,8 +76,7 @@ class Frame {
   }
 
   onResize(draw) {
-    const resize = () => {
-      const whole = Math.floor(this.figure.clientWidth);
+    const resize = whole => {
       if (whole === this.whole || whole <= 0) return;
       this.whole = whole;
       this.width = Math.max(whole - this.margin.left - this.margin.right, 60);
@@ -84,8 +86,8 @@ class Frame {
         .attr("height", this.height + this.margin.top + 1);
       draw();
     };
-    new ResizeObserver(resize).observe(this.figure);
-    resize();
+    new ResizeObserver(() => resize(this.figure.clientWidth)).observe(this.figure);
+    resize(WIDTHS.get(this.figure));
   }
 
   // A line where the figure is read, and below it what is read there: `read` is told where the mouse is.

@@ -246,14 +246,11 @@ async function drawTimePlots(runs) {
   const greatest = Math.max(d3.max(runs, run => run.response && run.response.max) || 1e6,
     d3.max(runs, run => run.deadline_ns) || 0);
   const yDomain = [Math.max(least, 1) * 0.8, greatest * 1.25];
-  const plots = [];
-  for (const figure of document.querySelectorAll("figure.time")) {
-    const run = runs[figure.dataset.figureOf];
-    const course = await Course.unpack(run.course);
-    run.course = null;  // the packed one is not needed any more
-    plots.push(new TimePlot(figure, run, course, yDomain));
-  }
-  return plots;
+  const figures = [...document.querySelectorAll("figure.time")], runOf = figure => runs[figure.dataset.figureOf];
+  // All of them first: the browser would lay out and paint the page between two figures.
+  const courses = await Promise.all(figures.map(figure => Course.unpack(runOf(figure).course)));
+  for (const run of runs) run.course = null;  // the packed one is not needed any more
+  return figures.map((figure, i) => new TimePlot(figure, runOf(figure), courses[i], yDomain));
 }
 
 const timePlots = drawTimePlots(data.runs);
