@@ -378,6 +378,24 @@ TEST(Search, ThreeFailedRunsOfTheReferenceEndItUntilItIsResumed) {
   EXPECT_EQ(resumed(answers, broken).runs, outcome.runs) << "the same again, without another run";
 }
 
+// With pacing next-free a run whose answers are late sends fewer messages. The goal permits less than one
+// burst in a run of the set that it is proven for, not in a run of the start.
+TEST(Search, AShorterStartDoesNotPermitABurstInEachRunOfTheSet) {
+  int proven = 0;
+  constexpr int times = 400;
+  for (std::uint64_t seed = 1; seed <= times; ++seed) {
+    std::mt19937_64 chance(seed);
+    const Problem problem{{{"late = 0", 0}}, {{"realtime", {"on"}}}, 0.05, seed};
+    const auto outcome = find(problem, [&](const Order& order) -> std::optional<Answer> {
+      const double sent = order.set.empty() ? 500 : 2000, bursts = order.set.empty() ? 150 : 1;
+      const double late = std::poisson_distribution<int>(bursts)(chance);
+      return Answer{{{late, sent, 1}}, {{"pong waited", late, {{"realtime", "on"}}}}, ""};
+    });
+    proven += outcome.end == End::goal_holds ? 1 : 0;
+  }
+  EXPECT_LE(proven, times / 20);
+}
+
 TEST(Search, TheStartHoldsByAQuarterOfAlphaAlone) {
   const auto alpha = Machine::problem(1).alpha;
   int runs = 0;

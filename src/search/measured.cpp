@@ -51,7 +51,7 @@ double Measured::mean(Of of) const {
 }
 
 const Answer* Measured::add(const Set& set, Answer run) {
-  if (per_run_ == 0 && !run.tallies.empty()) per_run_ = run.tallies.front().messages;
+  for (const auto& tally : run.tallies) per_run_ = std::max(per_run_, tally.messages);
   return runs_[set].emplace_back(std::make_unique<Answer>(std::move(run))).get();
 }
 

@@ -23,7 +23,8 @@ class Measured {
   std::size_t limits() const { return problem_.goal.size(); }
 
   // Each statement is wrong with probability `alpha` at most. The goal holds; it fails; fewer messages of one
-  // break a limit than of the other. A limit that permits nothing holds with fewer than one burst in a run.
+  // break a limit than of the other. A limit that permits nothing holds with fewer than one burst in the
+  // longest run.
   bool holds(const Runs&, double alpha) const;
   bool fails(const Runs&, double alpha) const;
   bool fewer(const Runs& one, const Runs& other, double alpha) const;
@@ -53,7 +54,7 @@ class Measured {
 
   const Problem& problem_;
   std::map<Set, std::vector<std::unique_ptr<Answer>>> runs_;
-  double per_run_ = 0;  // messages
+  double per_run_ = 0;  // most messages of a run: with pacing next-free, late answers make it send fewer
 };
 
 }  // namespace ontime::search
