@@ -4,11 +4,14 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
+
+#include "conditions/conditions.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -233,6 +236,28 @@ TEST_F(Machine, KeepsTimeAndMemory) {
   EXPECT_EQ(severity("compaction", "/proc/sys/vm/compact_unevictable_allowed", "0"), Severity::fine);
   EXPECT_EQ(severity("compaction", "/proc/sys/vm/compact_unevictable_allowed", "1"), Severity::hint);
   EXPECT_EQ(severity("autogroup", "/proc/sys/kernel/sched_autogroup_enabled", "1"), Severity::hint);
+}
+
+// By `ontime tune apply`.
+void expect_accepted(const std::string& command) {
+  std::istringstream words(command);
+  for (std::string word; words >> word;)
+    if (const auto equals = word.find('='); equals != word.npos) {
+      const auto keys = conditions::keys();
+      const auto key = std::ranges::find(keys, "kernel." + word.substr(0, equals), &conditions::Key::path);
+      ASSERT_NE(key, keys.end()) << word;
+      conditions::Run run;
+      EXPECT_NO_THROW(key->set(run, word.substr(equals + 1))) << word;
+    }
+}
+
+TEST_F(Machine, BufferAdviceIsAcceptedAndLowersNothing) {
+  file("/proc/sys/net/core/rmem_max", "212992");
+  file("/proc/sys/net/core/wmem_max", "212992");
+  EXPECT_THAT(one("buffers").remedy, HasSubstr("wmem-max"));
+  expect_accepted(one("buffers").remedy);
+  file("/proc/sys/net/core/wmem_max", "8388608");
+  EXPECT_THAT(one("buffers").remedy, Not(HasSubstr("wmem-max")));
 }
 
 TEST_F(Machine, TakesPacketsIn) {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a goal asks, and what may be set.
+#include <sstream>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -17,6 +19,7 @@ using testing::ElementsAre;
 using testing::Field;
 using testing::HasSubstr;
 using testing::IsEmpty;
+using testing::Key;
 using testing::SizeIs;
 
 TEST(Goal, EachLimitIsAShareOfMessages) {
@@ -206,6 +209,35 @@ TEST(Keep, TheKeysOfARunCanBePastedAndMeanTheSame) {
   }
 }
 
+// As `ontime tune apply` reads them.
+settings::Wishes wishes_of(const std::string& command) {
+  conditions::Run run;
+  std::istringstream words(command);
+  for (std::string word; words >> word;) {
+    const auto equals = word.find('=');
+    for (const auto& key : conditions::keys())
+      if (equals != word.npos && key.path == "kernel." + word.substr(0, equals))
+        key.set(run, word.substr(equals + 1));
+  }
+  return run.kernel;
+}
+
+TEST(Keep, TheCommandMeansWhatTheSearchFound) {
+  Set set;
+  conditions::Run run;
+  for (const auto& knob : knobs_of({}, {{}, 80, {0}}).knobs)
+    for (const auto& key : conditions::keys())
+      if (key.path == knob.key && key.path.starts_with("kernel.")) {
+        set[knob.key] = knob.values.front();
+        key.set(run, knob.values.front());
+      }
+  EXPECT_THAT(run.kernel, Contains(Key("rmem-max")));
+  const auto kept = keep({}, set, {}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_EQ(wishes_of(kept.units.front().command), run.kernel);
+  EXPECT_EQ(wishes_of(kept.units.front().text), run.kernel);
+}
+
 const Set of_an_interface = {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}};
 
 TEST(Keep, TheUnitSetsWhatIsTheKernels) {
@@ -213,11 +245,11 @@ TEST(Keep, TheUnitSetsWhatIsTheKernels) {
   ASSERT_THAT(kept.units, SizeIs(1));
   const auto& unit = kept.units.front();
   EXPECT_EQ(unit.command,
-            "ontime tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE --print systemd");
+            "ontime tune apply --set gro=off --set rmem-max=4194304B --interface INTERFACE --print systemd");
   EXPECT_THAT(
       unit.text,
       HasSubstr(
-          "ExecStart=/usr/bin/env tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE"));
+          "ExecStart=/usr/bin/env tune apply --set gro=off --set rmem-max=4194304B --interface INTERFACE"));
   EXPECT_EQ(unit.host + unit.why_not, "");
   EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
 }
@@ -229,7 +261,7 @@ TEST(Keep, TheUnitSetsWhatTheRunItselfAsksOfTheKernelToo) {
   auto kept = keep(run, {{"kernel.napi-threads", "60"}, {"kernel.rmem-max", "4 MiB"}}, {}, "/usr/bin/env");
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_EQ(kept.units.front().command,
-            "ontime tune apply --set gro=on --set napi-threads=60 --set rmem-max=4194304 --set "
+            "ontime tune apply --set gro=on --set napi-threads=60 --set rmem-max=4194304B --set "
             "threaded-napi=on --interface INTERFACE --print systemd");
   EXPECT_THAT(kept.scenario, Not(HasSubstr("gro"))) << "the scenario has it";
   kept = keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env");

@@ -66,9 +66,11 @@ Findings buffers(const Look& look) {
   if (!most) return {};
   const auto is = fmt::format("at most {} bytes in the receive buffer of a socket", *most);
   if (*most >= enough) return {fine(is)};
+  auto remedy = fmt::format("sudo ontime tune apply --set rmem-max={}B", enough);
+  if (look.number("/proc/sys/net/core/wmem_max").value_or(enough) < enough)
+    remedy += fmt::format(" --set wmem-max={}B", enough);
   return {{Severity::hint, is, fmt::format("{} or more, if messages are larger than a few kB", enough),
-           "a burst, or the fragments of one large message, overflow it and are dropped",
-           fmt::format("sudo ontime tune apply --set rmem-max={} --set wmem-max={}", enough, enough)}};
+           "a burst, or the fragments of one large message, overflow it and are dropped", remedy}};
 }
 
 Findings fragments(const Look& look) {

@@ -10,7 +10,7 @@ namespace {
 
 constexpr const char* to_fill_in = "INTERFACE";  // the user replaces it in the printed unit
 
-// The run's own values, overridden by the set. Sizes in bytes, as `ontime tune` takes them.
+// The run's own values, overridden by the set.
 settings::Wishes wishes_of(conditions::Run run, const Set& set) {
   for (const auto& key : conditions::keys())
     if (const auto found = set.find(key.path); key.path.starts_with("kernel.") && found != set.end())

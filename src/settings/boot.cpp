@@ -127,11 +127,18 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
   return text;
 }
 
+bool is_size(const std::string& name) {
+  const auto all = table();
+  const auto found = std::ranges::find(all, name, &Setting::name);
+  return found != all.end() && found->values == std::string_view("SIZE");
+}
+
 }  // namespace
 
 std::string command_to_apply(const std::string& program, const Wishes& wishes, const Link& link) {
   std::string command = program + " tune apply";
-  for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);
+  for (const auto& [name, value] : wishes)  // --set takes a size only with its unit
+    command += fmt::format(" --set {}={}{}", name, value, is_size(name) ? "B" : "");
   if (!link.interface.empty()) command += " --interface " + link.interface;
   if (!link.network_namespace.empty()) command += " --namespace " + link.network_namespace;
   return command;
