@@ -21,6 +21,7 @@ using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Key;
 using testing::SizeIs;
+using testing::StartsWith;
 
 TEST(Goal, EachLimitIsAShareOfMessages) {
   const auto parts = goal_of("p99.9 < 1 ms and late = 0 and lost <= 0.1 % and response max < 5 ms");
@@ -106,6 +107,41 @@ TEST(Knobs, ForbiddenMissingOrPresentSettingsAreLeftOutWithAReason) {
   EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
   EXPECT_THAT(knobs.knobs,
               Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));
+}
+
+conditions::Run realtime_with(const std::string& key, const std::string& value) {
+  conditions::Run run;
+  conditions::key_named("realtime")->set(run, "on");
+  conditions::key_named(key)->set(run, value);
+  return run;
+}
+
+// Each key of realtime.* switches on all that `realtime: on` does.
+TEST(Knobs, MemoryAndIdleStatesAreNoKnobsBesideRealtime) {
+  const auto without = knobs_of({}, {{}, 80, {0}});
+  for (const auto* key : {"realtime.lock-memory", "realtime.cpu-latency"})
+    EXPECT_THAT(without.left_out,
+                Contains(AllOf(left_out(key), Field(&Knobs::LeftOut::why, HasSubstr("realtime: on")))));
+  EXPECT_THAT(without.knobs,
+              Contains(AllOf(of_key("realtime.receive.cpus"), Field(&Knob::part_of, "realtime"))));
+  const auto with = knobs_of(realtime_with("realtime.lock-memory", "off"), {{}, 80, {0}});
+  EXPECT_THAT(with.knobs, Contains(of_key("realtime.lock-memory")));
+  EXPECT_THAT(with.knobs, Contains(AllOf(of_key("realtime.receive.cpus"), Field(&Knob::part_of, ""))));
+}
+
+TEST(Knobs, ASettingThatWouldChangeAForbiddenOneIsLeftOut) {
+  for (const auto* never : {"realtime.lock-memory", "priority", "realtime"}) {
+    const auto knobs = knobs_of({}, {{never}, 80, {0}});
+    for (const auto& knob : knobs.knobs) EXPECT_THAT(knob.key, Not(StartsWith("realtime"))) << never;
+    EXPECT_THAT(knobs.left_out, Contains(AllOf(left_out("realtime.cpus"),
+                                               Field(&Knobs::LeftOut::why, HasSubstr("--never")))));
+  }
+  EXPECT_THAT(knobs_of({}, {{"cpus"}, 80, {0}}).knobs, Contains(of_key("realtime")));
+  const auto of_a_role = knobs_of(realtime_with("realtime.lock-memory", "off"),
+                                  {{"realtime.lock-memory", "realtime.receive.priority"}, 80, {0}});
+  EXPECT_THAT(of_a_role.knobs, Contains(of_key("realtime.cpus")));
+  EXPECT_THAT(of_a_role.knobs, Contains(of_key("realtime.send.priority")));
+  EXPECT_THAT(of_a_role.knobs, Not(Contains(of_key("realtime.priority")))) << "it sets that of each role";
 }
 
 TEST(Knobs, AValueThatAMachineLacksIsLeftOutAlone) {
@@ -327,13 +363,13 @@ TEST(Keep, SettingsOfAProcessNeedNoUnitAndAnEmptySetNothing) {
 
 class Causes : public testing::Test {
  protected:
-  static std::vector<Finding> of(std::int32_t culprit_priority, const Bounds& bounds,
-                                 std::int64_t slow_ns = 1'000'000) {
+  std::vector<Finding> of(std::int32_t culprit_priority, const Bounds& bounds,
+                          std::int64_t slow_ns = 1'000'000) {
     explain::Account account;
     explain::Message message{};
     message.sample.sent_ns = 1;
     message.sample.received_ns = 2'000'001;
-    message.parts = {{.cause = explain::Cause::cpu,
+    message.parts = {{.cause = cause_,
                       .stage = explain::Stage::travelled,
                       .end = "component",
                       .thread = "napi/eth1-1",
@@ -341,8 +377,10 @@ class Causes : public testing::Test {
                       .culprit_priority = culprit_priority,
                       .ns = 1}};
     account.messages = {message, message};
-    return findings_of(account, {}, slow_ns, bounds);
+    return findings_of(account, run_, slow_ns, bounds);
   }
+  explain::Cause cause_ = explain::Cause::cpu;
+  record::Run run_;
 };
 
 TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
@@ -360,6 +398,13 @@ TEST_F(Causes, AboveARealTimeCulpritIsOneMoreThanItsPriority) {
 
 TEST_F(Causes, APriorityBeyondTheBoundIsNotProposed) {
   EXPECT_THAT(of(99 - 90, {{}, 80, {}}).front().remedies, IsEmpty());
+}
+
+TEST_F(Causes, MemoryThatIsNotLockedIsRemediedByRealtimeUnlessThatIsOn) {
+  cause_ = explain::Cause::page_fault;
+  EXPECT_THAT(of(120, {}).front().remedies, ElementsAre(Setting{"realtime", "on"}));
+  run_.asked.task.realtime.on = true;
+  EXPECT_THAT(of(120, {}).front().remedies, ElementsAre(Setting{"realtime.lock-memory", "on"}));
 }
 
 TEST_F(Causes, MessagesThatBreakNoLimitAreNoCause) {

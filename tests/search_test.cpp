@@ -175,6 +175,22 @@ TEST(Search, ACauseThatShowsOnlyOnceAnotherIsGoneIsRemediedBesideIt) {
   EXPECT_THAT(outcome.set, ElementsAre(Pair(irq.key, irq.value), Pair(napi.key, napi.value)));
 }
 
+// No run has the second without the first.
+TEST(Search, ASettingIsTriedAndLeftOutTogetherWithTheOneItSwitchesOn) {
+  Problem problem{{{"p99 < 1 ms", 0.01}}, {{"realtime", {"on"}}, {"realtime.cpus", {"0"}, "realtime"}}};
+  for (const std::string cure : {"realtime", "realtime.cpus"}) {
+    const auto outcome = find(problem, [&](const Order& order) -> std::optional<Answer> {
+      EXPECT_TRUE(order.set.contains("realtime") || !order.set.contains("realtime.cpus"));
+      const double slow = order.set.contains(cure) ? 0 : 500;
+      return Answer{{{slow, 2000, 1}}, {{"pong waited", slow, {{"realtime.cpus", "0"}}}}, ""};
+    });
+    EXPECT_EQ(outcome.end, End::goal_holds);
+    EXPECT_THAT(outcome.set, SizeIs(cure == "realtime" ? 1 : 2));
+    ASSERT_THAT(outcome.contributions, SizeIs(outcome.set.size()));
+    for (const auto& one : outcome.contributions) EXPECT_TRUE(one.is_needed) << one.member.key;
+  }
+}
+
 TEST(Search, ACauseWithoutANameIsFoundAmongAllSettings) {
   Machine machine({fault("interrupts that are coalesced")}, 1);
   const auto outcome = found_by(machine);

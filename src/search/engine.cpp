@@ -248,10 +248,14 @@ class Search {
     return true;
   }
 
+  const Knob* knob_named(const std::string& key) const {
+    const auto found = std::ranges::find(problem_.knobs, key, &Knob::key);
+    return found == problem_.knobs.end() ? nullptr : &*found;
+  }
+
   bool may_be_set(const Setting& setting) const {
-    const auto& knobs = problem_.knobs;
     const auto present = set_.find(setting.key);
-    return std::ranges::find(knobs, setting.key, &Knob::key) != knobs.end() &&
+    return knob_named(setting.key) != nullptr &&
            (present == set_.end() || present->second != setting.value) &&
            !refused_.contains({setting.key, setting.value}) &&
            !harmful_.contains({setting.key, setting.value});
@@ -261,6 +265,9 @@ class Search {
   bool add(const std::vector<Setting>& settings, const std::string& why) {
     auto set = set_;
     for (const auto& [key, value] : settings) set[key] = value;
+    for (const auto& knob : problem_.knobs)
+      if (const auto* whole = knob_named(knob.part_of); whole != nullptr && set.contains(knob.key))
+        set.try_emplace(whole->key, whole->values.front());
     if (settings.empty() || was_compared(set, set_)) return false;
     refused_setting_.clear();
     const auto decision = try_to_add(set, why);
@@ -393,6 +400,8 @@ class Search {
   Set set_without(const std::vector<Setting>& part) const {
     auto set = set_;
     for (const auto& one : part) set.erase(one.key);
+    for (const auto& knob : problem_.knobs)
+      if (knob_named(knob.part_of) != nullptr && !set.contains(knob.part_of)) set.erase(knob.key);
     return set;
   }
 

@@ -57,8 +57,36 @@ std::vector<Knob> all_knobs(const Bounds& bounds) {
   return knobs;
 }
 
+// `realtime: on` brings both, and so does each key of realtime.*, which switches all of it on.
+bool is_part_of_realtime(const std::string& key) {
+  return key == "realtime.lock-memory" || key == "realtime.cpu-latency";
+}
+
+// The keys that the knob would change in this run, of all keys and with those that it switches on.
+std::set<std::string> changed_by(const Knob& knob, const conditions::Run& run) {
+  static const std::vector<std::string> any = {"1", "2"};  // a priority or a CPU: one is not the present one
+  const auto before = conditions::to_json(run);
+  std::set<std::string> changed;
+  for (const auto& value : knob.values.empty() ? any : knob.values) {
+    auto with = run;
+    if (!knob.part_of.empty()) conditions::key_named(knob.part_of)->set(with, "on");
+    conditions::key_named(knob.key)->set(with, value);
+    const auto after = conditions::to_json(with);
+    for (const auto& key : conditions::keys())
+      for (const auto& place : conditions::places_of(key.path))
+        if (after.value(place, nlohmann::json()) != before.value(place, nlohmann::json()))
+          changed.insert(key.path);
+  }
+  return changed;
+}
+
+bool is_excluded(const std::string& key, const Bounds& bounds) {
+  return bounds.never.contains(key) || bounds.never.contains(last_word(key));
+}
+
 std::string why_not(const std::string& key, const conditions::Run& run, const Bounds& bounds) {
-  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "excluded by --never";
+  if (is_excluded(key, bounds)) return "excluded by --never";
+  if (is_part_of_realtime(key) && !run.task.realtime.on) return "realtime: on sets it, too";
   if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
     return "this transport bypasses the kernel's network stack";
   if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
@@ -73,6 +101,9 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
 // knob can be tried.
 std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& bounds) {
   if (auto why = why_not(knob.key, run, bounds); !why.empty()) return why;
+  if (!bounds.never.empty())
+    for (const auto& key : changed_by(knob, run))
+      if (is_excluded(key, bounds)) return fmt::format("it sets {}, too, which --never excludes", key);
   const auto present = explain::stated(run, knob.key);
   const auto is_no_change = [&](const std::string& value) {
     if (value != large_buffer) return value == present;
@@ -90,9 +121,12 @@ std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& b
 }
 
 // The values that satisfy a remedy's rule, such as "above the priority of X".
-std::vector<Setting> resolved(const Setting& setting, const explain::Part& part, const Bounds& bounds) {
+std::vector<Setting> resolved(const Setting& setting, const explain::Part& part, const conditions::Run& run,
+                              const Bounds& bounds) {
   std::vector<Setting> all;
-  if (is_of_cpus(setting.key)) {
+  if (is_part_of_realtime(setting.key) && !run.task.realtime.on) {
+    all = {{"realtime", "on"}};
+  } else if (is_of_cpus(setting.key)) {
     for (const auto& cpu : each_of(bounds.cpus)) all.push_back({setting.key, cpu});
   } else if (is_priority(setting.key)) {
     const bool is_ordinary = part.culprit_priority >= trace::least_ordinary;
@@ -119,11 +153,13 @@ std::vector<std::string> knob_keys() {
 
 Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
   Knobs knobs;
-  for (auto& knob : all_knobs(bounds))
+  for (auto& knob : all_knobs(bounds)) {
+    if (knob.key.starts_with("realtime.") && !run.task.realtime.on) knob.part_of = "realtime";
     if (const auto why = why_left_out(knob, run, bounds); why.empty())
       knobs.knobs.push_back(std::move(knob));
     else
       knobs.left_out.push_back({knob.key, why});
+  }
   return knobs;
 }
 
@@ -157,7 +193,8 @@ std::vector<Finding> findings_of(const explain::Account& account, const record::
     if (found == findings.end()) {
       found = findings.insert(findings.end(), {cause, 0, {}});
       for (const auto& setting : explain::remedy_for(part, run).settings)
-        for (auto& one : resolved(setting, part, bounds)) found->remedies.push_back(std::move(one));
+        for (auto& one : resolved(setting, part, run.asked, bounds))
+          found->remedies.push_back(std::move(one));
     }
     ++found->messages;
   }

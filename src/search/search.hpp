@@ -43,6 +43,7 @@ struct Limit {
 struct Knob {
   std::string key;
   std::vector<std::string> values;  // in the order in which they are tried
+  std::string part_of{};  // the knob that it switches on, too: no set has it without that one; "": none
 };
 
 struct Problem {
