@@ -161,6 +161,22 @@ void explain_new(record::Writer& writer, std::size_t known, report::Format forma
   if (!all.empty()) print("\n" + report::render_explained(all, format));
 }
 
+void check_machines(const record::Run& run, const record::ByName<record::Machine>& now) {
+  for (const auto& [host, machine] : now) {
+    const auto before = record::find(run.outcome.hosts, host).machine;
+    std::vector<std::string> differences;
+    for (const auto* name : {"hostname", "kernel_release", "kernel_version", "cpu_model"})
+      if (const auto& then = record::at(before.document, name), &is = record::at(machine.document, name);
+          then != is)
+        differences.push_back(fmt::format("{} {}, not {}", name, then.dump(), is.dump()));
+    if (!differences.empty())
+      throw campaign::Error(
+          2, fmt::format("--resume: run {} was measured on another machine or kernel than the {}'s: {}. Fix: "
+                         "start a new results file",
+                         run.number, host, fmt::join(differences, "; ")));
+  }
+}
+
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.does("judging the runs");

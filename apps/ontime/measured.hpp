@@ -29,6 +29,9 @@ std::string new_results_file(const std::string& scenario);
 // Throws Error{2} if the file exists and `resume` is false.
 void check_results(const std::string& file, bool resume);
 
+// For --resume. Throws Error{2}, with what differs, if the run was measured on another machine or kernel.
+void check_machines(const record::Run&, const record::ByName<record::Machine>& now);
+
 // The runs in the results from `known` on, the exit code of measuring them, and why the measurement is
 // unfinished; "": it is complete.
 struct Measured {

@@ -53,7 +53,8 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
   terminal.note(fmt::format("{}{} runs{}{}", searches ? "at most " : "", all.runs, known, time));
 }
 
-bool same(const nlohmann::json& one, const nlohmann::json& other, std::initializer_list<const char*> names) {
+bool is_same(const nlohmann::json& one, const nlohmann::json& other) {
+  const auto names = {"repetition", "scenario", "ontime"};
   return std::ranges::all_of(
       names, [&](const char* name) { return record::at(one, name) == record::at(other, name); });
 }
@@ -70,13 +71,8 @@ campaign::Done done_in(const record::Reader& reader) {
     const auto [first, last] = complete.equal_range(record::key_of(asked));
     for (auto known = first; known != last; ++known) {
       const auto& run = known->second;
-      if (!same(run.asked.document, asked, {"repetition", "scenario", "ontime"})) continue;
-      for (const auto& [host, machine] : machines)
-        if (!same(record::find(run.outcome.hosts, host).machine.document, machine.document,
-                  {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
-          throw campaign::Error(2, fmt::format("--resume: run {} was measured on another machine or kernel "
-                                               "than the {}'s. Fix: start a new results file",
-                                               run.number, host));
+      if (!is_same(run.asked.document, asked)) continue;
+      check_machines(run, machines);
       return &run.outcome;
     }
     return nullptr;

@@ -11,6 +11,7 @@
 
 #include "explain/explain.hpp"
 #include "gate/gate.hpp"
+#include "measured.hpp"
 #include "output.hpp"
 #include "search_report.hpp"
 
@@ -69,8 +70,9 @@ std::string name_of(const std::string& machine) {
 }
 
 // Throws where the results are of another search.
-void compare(const std::vector<record::Note>& notes, const record::Run& first, const Subject& subject,
+void compare(const std::vector<record::Note>& notes, const auto& known, const Subject& subject,
              const std::string& results) {
+  const record::Run& first = known.front().run;
   const auto noted = [&](const char* kind) {
     const auto found = std::ranges::find_if(notes, [&](const auto& note) { return note.kind == kind; });
     return found == notes.end() ? "unknown" : found->text;
@@ -83,6 +85,8 @@ void compare(const std::vector<record::Note>& notes, const record::Run& first, c
   if (const auto theirs = kind_of_machine(first); theirs != subject.machine)
     refuse(results, fmt::format("holds a search on another machine: {}; this one is {}", name_of(theirs),
                                 name_of(subject.machine)));
+  for (const auto& one : known)
+    if (statistics::is_complete(one.run)) check_machines(one.run, subject.machines);
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
     refuse(results,
            fmt::format("holds a search of other settings. Only in the file: {}. Only in this search: {}",
@@ -158,7 +162,7 @@ void Trials::recall(const std::string& results) {
     if (found == notes.end() || !run.outcome.has_ended()) continue;
     known_.push_back({found->text, std::move(run)});
   }
-  if (!known_.empty()) compare(all, known_.front().run, subject_, results);
+  if (!known_.empty()) compare(all, known_, subject_, results);
   is_subject_noted_ = !known_.empty();
 }
 

@@ -22,7 +22,8 @@ namespace ontime::app {
 struct Subject {
   std::string scenario;  // the text of its file
   std::string goal, run, settings;
-  std::string machine;  // simulator of the controller's machine; "": a real machine
+  std::string machine;                       // simulator of the controller's machine; "": a real machine
+  record::ByName<record::Machine> machines;  // of "controller" and "component"; empty: not known here
 };
 // The subject's settings of the search in the results; "": they have none.
 std::string settings_of(const record::Reader&);

@@ -168,16 +168,19 @@ void tell(const campaign::Scenario& scenario, const search::Knobs& knobs) {
 }
 
 Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem,
-                   const std::string& machine) {
+                   const std::string& machine, const record::ByName<record::Machine>& machines) {
   std::vector<std::string> settings;
   for (const auto& knob : problem.knobs)
     settings.push_back(knob.values.empty() ? knob.key
                                            : fmt::format("{}: {}", knob.key, fmt::join(knob.values, " or ")));
   const auto& run = scenario.runs.front();
   return {
-      scenario.text, goal_of(problem),
+      scenario.text,
+      goal_of(problem),
       fmt::format("{} over {}, {} s", run.id, run.task.transport, Seconds(run.task.client.duration).count()),
-      fmt::format("{}", fmt::join(settings, "; ")), machine};
+      fmt::format("{}", fmt::join(settings, "; ")),
+      machine,
+      machines};
 }
 
 Asked asked_of(const Arguments& arguments) {
@@ -205,14 +208,15 @@ search::Problem problem_of(const Asked& asked, const search::Knobs& knobs) {
 class Searched {
  public:
   Searched(const Arguments& arguments, const Asked& asked, const search::Knobs& knobs,
-           const std::string& machine, const Trials::Places& places)
+           const std::string& machine, const record::ByName<record::Machine>& machines,
+           const Trials::Places& places)
       : arguments_(arguments),
         asked_(asked),
         knobs_(knobs),
         problem_(problem_of(asked, knobs)),
         places_(places),
         trials_(
-            subject_of(asked.scenario, problem_, machine),
+            subject_of(asked.scenario, problem_, machine, machines),
             [&](const search::Set& set) { return scenario_of(arguments, asked.file, asked.selection, set); },
             asked.goal, asked.bounds,
             Trials::Clock::now() + std::chrono::duration_cast<Trials::Clock::duration>(asked.within),
@@ -275,6 +279,7 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
   record::Writer writer(asked.results);
   search::Knobs knobs;
   search::Links links;
+  record::ByName<record::Machine> machines;
   {
     const campaign::Look look(asked.scenario, terminal, interrupts);
     if (look.most_cpus() == 1) asked.bounds.cpus.clear();
@@ -282,6 +287,7 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
     bounds.cannot = [&](const search::Setting& one) { return look.why_not(one.key, one.value); };
     knobs = search::knobs_of(asked.scenario.runs.front(), bounds);
     links = look.links();
+    machines = look.machines();
   }
   tell(asked.scenario, knobs);
   Trials::Places places{writer, terminal, interrupts};
@@ -289,7 +295,7 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
     places.counts = [&](std::int64_t run) { send_from_lab(writer, run, arguments.send_to); };
   const auto simulated = machine::describe().at("simulated");
   Searched searched(arguments, asked, knobs, simulated.is_string() ? simulated.get<std::string>() : "",
-                    places);
+                    machines, places);
   if (arguments.resume) searched.recall();
   if (searched.find().runs == 0) throw Error(searched.exit_code(), searched.stopped());
   if (arguments.send_to.empty()) return searched.show(links);
@@ -306,8 +312,12 @@ Searched recalled(const Arguments& arguments, const Asked& asked, const Trials::
     return is_among(recorded, one) ? "" : "not possible in the lab's machine";
   };
   const auto machine = machine_of(reader);
-  return {arguments, asked, search::knobs_of(asked.scenario.runs.front(), bounds),
-          machine.empty() ? "QEMU" : machine, places};
+  return {arguments,
+          asked,
+          search::knobs_of(asked.scenario.runs.front(), bounds),
+          machine.empty() ? "QEMU" : machine,
+          {},
+          places};
 }
 
 std::string reason_of(const LabEnd& end) {

@@ -90,7 +90,8 @@ class Look {
   // Why a host cannot have this value of this key in the scenario's first run, for people; "": all can, or
   // only a run shows it.
   std::string why_not(const std::string& key, const std::string& value) const;
-  int most_cpus() const;  // the highest number of online CPUs of a machine
+  record::ByName<record::Machine> machines() const;  // of "controller" and "component"
+  int most_cpus() const;                             // the highest number of online CPUs of a machine
   // By host: the interface of its messages; empty if the interfaces are created for the runs.
   std::map<std::string, settings::Link> links() const;
 

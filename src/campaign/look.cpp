@@ -67,6 +67,12 @@ std::string Look::why_not(const std::string& key, const std::string& value) cons
   return parts_->why_not_of_kernel(key.substr(of_kernel.size()), run.kernel);
 }
 
+record::ByName<record::Machine> Look::machines() const {
+  const auto& machines = parts_->machines;
+  return {{"controller", machines.machine("controller")},
+          {"component", machines.machine(parts_->run.component)}};
+}
+
 int Look::most_cpus() const {
   const auto& machines = parts_->machines;
   const auto cpus = [&](const std::string& host) { return machines.machine(host).cpu_count.value_or(1); };

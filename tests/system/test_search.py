@@ -10,6 +10,7 @@ import pathlib
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import unittest
@@ -122,6 +123,15 @@ class Search(unittest.TestCase):
         self.assertIn("realtime.lock-memory", self.search("--resume", "--never", "lock-memory", code=2))
         self.assertIn("one over udp", self.search("--resume", only="two", code=2))
         self.assertEqual(self.search("--resume")["end"], "goal-holds")
+
+    def test_resume_refuses_results_of_another_machine_or_kernel(self):
+        self.search()
+        with contextlib.closing(sqlite3.connect(self.folder / "s.ontime")) as database:
+            database.execute("UPDATE run SET outcome = json_set(outcome, '$.hosts.component.machine.kernel_release', '5.10.0-rt')")
+            database.commit()
+        said = self.search("--resume", code=2)
+        self.assertIn("than the component's: kernel_release \"5.10.0-rt\", not", said)
+        self.assertIn("Fix: start a new results file", said)
 
     def test_resume_refuses_results_of_another_command(self):
         subprocess.run([ONTIME, "run", "./s.yaml", "--only", "one", "--results", "s.ontime"], cwd=self.folder, capture_output=True,
