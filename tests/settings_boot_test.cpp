@@ -55,6 +55,16 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
                       "--pid 0-1 \"$pid\"; done\n")));
 }
 
+// The number of an interrupt may be another device's at the next boot.
+TEST(Boot, NoFormHasTheNumberOfAnInterrupt) {
+  const std::vector<Change> changes = {{&setting("irq-cpus"), {&interrupt, "37:PCI-MSI 524288"}, "0-1", "0"}};
+  for (const auto form : {Form::tmpfiles, Form::shell})
+    EXPECT_THAT(error_of([&] {
+                  at_every_boot(form, {{"irq-cpus", "0"}}, changes, {"eth0", ""}, "");
+                }),
+                AllOf(StartsWith("irq-cpus: "), HasSubstr("Fix: --print systemd")));
+}
+
 TEST(Boot, NetworkNamespaceIsRefusedInEveryForm) {
   for (const auto form : {Form::systemd, Form::tmpfiles, Form::shell})
     EXPECT_THROW(at_every_boot(form, {{"gro", "off"}}, {}, {"eth0", "robot"}, "/usr/bin/env"), WrongInput);

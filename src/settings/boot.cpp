@@ -152,6 +152,10 @@ std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Cha
                     "run ontime tune apply",
                     link.network_namespace));
   if (form == Form::systemd) return systemd(wishes, link, program);
+  for (const auto& change : changes)
+    if (change.thing.kind == &interrupt)
+      not_in(form == Form::tmpfiles ? "tmpfiles" : "a script", change,
+             "would name interrupts by numbers, which may be other devices' at the next boot");
   return form == Form::tmpfiles ? tmpfiles(changes) : shell(changes);
 }
 

@@ -211,7 +211,6 @@ std::optional<File> file_of(const Thing& thing, const std::string& value) {
   if (kind == &network_sysctl || kind == &kernel_sysctl) return File{sysctl_path(thing.what), value};
   if (kind == &governor) return File{governor_path(thing.what), value};
   if (kind == &workqueues) return File{workqueues_path, mask_of_list(value)};
-  if (kind == &interrupt) return File{interrupt_path(thing.what), value};
   if (kind == &threaded) return File{threaded_path(thing.title()), value};
   if (kind == &steering) return File{steering_path(thing.title()), mask_of_list(value)};
   return {};

@@ -64,7 +64,8 @@ constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(cons
           }};
 }
 
-// If the thing is a file: its path, and the text to write for a value; else nullopt.
+// If the thing is a file that is the same at the next boot: its path, and the text to write for a value; else
+// nullopt.
 struct File {
   std::string path, text;
 };
