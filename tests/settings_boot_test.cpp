@@ -16,6 +16,7 @@ namespace {
 using test::error_of;
 using test::in_child;
 using testing::AllOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
 using testing::StartsWith;
 
@@ -47,12 +48,10 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
   EXPECT_THAT(error_of([&] { at_every_boot(Form::tmpfiles, wishes, changes, link, ""); }),
               StartsWith("ksoftirqd: "));
   const auto script = at_every_boot(Form::shell, wishes, changes, link, "");
-  EXPECT_THAT(
-      script,
-      AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
-            HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
-            HasSubstr("$(threads 'napi/eth0-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
-                      "--pid 0-1 \"$pid\"; done\n")));
+  EXPECT_THAT(script,
+              AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
+                    HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
+                    HasSubstr("$(threads 'napi/eth0-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; done\n")));
 }
 
 // The number of an interrupt may be another device's at the next boot.
@@ -63,6 +62,40 @@ TEST(Boot, NoFormHasTheNumberOfAnInterrupt) {
                   at_every_boot(form, {{"irq-cpus", "0"}}, changes, {"eth0", ""}, "");
                 }),
                 AllOf(StartsWith("irq-cpus: "), HasSubstr("Fix: --print systemd")));
+}
+
+// A driver refuses a parameter that it does not support, with its present value, too.
+TEST(Boot, ScriptSetsOnlyWhatWasAsked) {
+  const std::string before = "rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off";
+  const auto script = at_every_boot(
+      Form::shell,
+      {{"coalescing", "rx-frames=1,adaptive-rx=off"}, {"napi-cpus", "0"}, {"napi-threads", "60"}},
+      {{&setting("coalescing"),
+        {&coalescing, "3:eth0"},
+        before,
+        with_coalescing(before, "rx-frames=1,adaptive-rx=off")},
+       {&setting("napi-cpus"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "other:0:0"},
+       {&setting("napi-threads"), {&thread, "91:25:napi/eth1-8193"}, "other:0:0-1", "fifo:60:0-1"}},
+      {"eth0", ""}, "");
+  EXPECT_THAT(
+      script,
+      AllOf(HasSubstr("ethtool --coalesce 'eth0' rx-frames 1 adaptive-rx off\n"),
+            HasSubstr("$(threads 'napi/eth0-[0-9]*'); do taskset --cpu-list --pid 0 \"$pid\"; done\n"),
+            HasSubstr("$(threads 'napi/eth1-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; done\n")));
+}
+
+TEST(Plan, APriorityOfOneCpuConcernsNoOther) {
+  const auto threads = [](const std::string& asked) {
+    std::vector<std::string> titles;
+    for (const auto& change : plan({{"ksoftirqd", asked}}, {})) titles.push_back(change.thing.title());
+    return titles;
+  };
+  try {
+    EXPECT_THAT(threads("0=60"), ElementsAre("ksoftirqd/0"));
+    EXPECT_EQ(threads("60").size(), online_cpus().size());
+  } catch (const Error& error) {
+    GTEST_SKIP() << error.what();
+  }
 }
 
 TEST(Boot, NetworkNamespaceIsRefusedInEveryForm) {

@@ -49,7 +49,7 @@ TEST(Words, OneCpuHasAPriorityOfItsOwn) {
   const auto& ksoftirqd = setting(name);
   const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
   EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0"), "fifo:60");
-  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5"), "other:-5");
+  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5"), "") << "it stays as it is";
   EXPECT_EQ(ksoftirqd.wanted("0=60", first, "other:0"), "fifo:60");
   EXPECT_THROW(ksoftirqd.wanted("0=60,1000=50", first, "other:0"), journal::Error) << "there is no CPU 1000";
   EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60"), "other:0");

@@ -74,6 +74,7 @@ std::vector<Change> changes_of(const Wish& wish, const Link& link) {
       const auto before = thing.kind->read(thing.what);
       if (!before) continue;  // a thread that has ended
       auto after = wish.setting->wanted(wish.asked, thing, *before);
+      if (after.empty()) continue;  // another CPU's
       changes.push_back({wish.setting, std::move(thing), *before, std::move(after)});
     }
   });

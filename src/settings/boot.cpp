@@ -86,26 +86,29 @@ std::string pattern_of(const std::string& name) {
   return pattern;
 }
 
-std::string shell_of_thread(const std::string& name, const std::string& state) {
+// Only what the setting is about: the rest of a thread's state is this boot's.
+std::string shell_of_thread(const Change& change) {
+  const auto& state = change.after;
   const auto first = state.find(':'), second = state.find(':', first + 1);
   const auto policy = state.substr(0, first), number = state.substr(first + 1, second - first - 1);
   const bool has_priority = policy == "fifo" || policy == "rr";
-  auto line = fmt::format("for pid in $(threads '{}'); do chrt --{} --pid {} \"$pid\"", pattern_of(name),
-                          policy, has_priority ? number : "0");
-  if (second != state.npos)  // the CPUs of others are the kernel's to choose
-    line += fmt::format("; taskset --cpu-list --pid {} \"$pid\"", state.substr(second + 1));
-  return line + "; done\n";
+  const auto command = std::string_view(change.setting->name).ends_with("-cpus")
+                           ? fmt::format("taskset --cpu-list --pid {}", state.substr(second + 1))
+                           : fmt::format("chrt --{} --pid {}", policy, has_priority ? number : "0");
+  return fmt::format("for pid in $(threads '{}'); do {} \"$pid\"; done\n",
+                     pattern_of(name_of_thread(change.thing.what)), command);
 }
 
-std::string shell_of_driver(const Thing& thing, const std::string& value) {
-  auto words = value;
+// A driver may refuse a parameter that it does not support, even with its present value: only those asked
+// for.
+std::string shell_of_driver(const Thing& thing, std::string asked) {
   std::replace_if(
-      words.begin(), words.end(), [](char c) { return c == '=' || c == ','; }, ' ');
-  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.title(), words)
-                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.title(), words);
+      asked.begin(), asked.end(), [](char c) { return c == '=' || c == ','; }, ' ');
+  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.title(), asked)
+                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.title(), asked);
 }
 
-std::string shell(const std::vector<Change>& changes) {
+std::string shell(const Wishes& wishes, const std::vector<Change>& changes) {
   std::string text = R"sh(#!/bin/sh
 set -e
 pgrep --version >/dev/null
@@ -119,9 +122,9 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
     if (const auto file = file_of(change.thing, change.after))
       line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
     else if (change.thing.kind == &thread || change.thing.kind == &thread_priority)
-      line = shell_of_thread(name_of_thread(change.thing.what), change.after);
+      line = shell_of_thread(change);
     else
-      line = shell_of_driver(change.thing, change.after);
+      line = shell_of_driver(change.thing, wishes.at(change.setting->name));
     if (text.find("\n" + line) == text.npos) text += line;
   }
   return text;
@@ -156,7 +159,7 @@ std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Cha
     if (change.thing.kind == &interrupt)
       not_in(form == Form::tmpfiles ? "tmpfiles" : "a script", change,
              "would name interrupts by numbers, which may be other devices' at the next boot");
-  return form == Form::tmpfiles ? tmpfiles(changes) : shell(changes);
+  return form == Form::tmpfiles ? tmpfiles(changes) : shell(wishes, changes);
 }
 
 }  // namespace ontime::settings

@@ -48,7 +48,8 @@ struct Setting {
   // The things that it sets here, never empty. Throws journal::Error with what this kernel or interface
   // lacks, and the fix.
   std::vector<Thing> (*things)(const std::string& interface);
-  // The new value of a thing whose value is `now`. Throws journal::Error if this machine cannot have it.
+  // The new value of a thing whose value is `now`; "": it is not meant. Throws journal::Error if this machine
+  // cannot have it.
   std::string (*wanted)(const std::string& asked, const Thing&, const std::string& now);
 };
 std::span<const Setting> table();  // in the order in which they are applied

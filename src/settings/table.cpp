@@ -108,7 +108,7 @@ std::string with_priority_of_its_cpu(Text asked, const Thing& thing, Text now) {
     if (const auto equals = part.find('='); equals != part.npos) check_online(part.substr(0, equals));
   const int cpu = std::stoi(thing.title().substr(thing.title().find('/') + 1));
   const auto own = priority_of_cpu(asked, cpu);
-  return own.empty() ? now : with_priority(now, own);
+  return own.empty() ? "" : with_priority(now, own);
 }
 std::string with_this_coalescing(Text asked, const Thing&, Text now) { return with_coalescing(now, asked); }
 std::string a_governor_there_is(Text asked, const Thing& thing, Text) {
