@@ -19,10 +19,12 @@ namespace {
 namespace fs = std::filesystem;
 
 using testing::AllOf;
+using testing::AnyOf;
 using testing::HasSubstr;
 using testing::IsEmpty;
 using testing::Not;
 using testing::SizeIs;
+using testing::StartsWith;
 
 constexpr unsigned PF_KTHREAD = 0x0020'0000;  // of the kernel's include/linux/sched.h
 
@@ -80,6 +82,21 @@ TEST_F(Machine, UnreadableFileStopsNoOtherCheck) {
   EXPECT_FALSE(check({root_, {}, {}}).empty());
 }
 
+TEST_F(Machine, RealTimeKernelIsInstalledAsItsDistributionHasIt) {
+  const auto fix = [&] { return one("preemption").remedy; };
+  const auto on_debian = HasSubstr("apt install linux-image-rt-amd64");
+  const auto on_ubuntu = HasSubstr("sudo pro enable realtime-kernel");
+  EXPECT_THAT(fix(), Not(AnyOf(StartsWith("sudo apt"), on_ubuntu))) << "it is not known";
+  file("/usr/lib/os-release", "NAME=\"Debian GNU/Linux\"\nID=debian");
+  EXPECT_THAT(fix(), on_debian);
+  file("/etc/os-release", "ID=ubuntu\nID_LIKE=debian\nVERSION_CODENAME=jammy");
+  EXPECT_THAT(fix(), AllOf(on_ubuntu, Not(on_debian)));
+  file("/etc/os-release", "ID=linuxmint\nID_LIKE=\"ubuntu debian\"");
+  EXPECT_THAT(fix(), on_ubuntu);
+  file("/etc/os-release", "ID=fedora");
+  EXPECT_THAT(fix(), Not(AnyOf(StartsWith("sudo apt"), on_ubuntu)));
+}
+
 TEST_F(Machine, IsPreemptibleOrNot) {
   EXPECT_EQ(severity("preemption", "/proc/version", "Linux version 6.1.0-rt (x) #1 SMP PREEMPT_RT Debian"),
             Severity::fine);
@@ -110,6 +127,8 @@ TEST_F(Machine, ThrottlesRealTime) {
     EXPECT_EQ(severity("rt-throttling", "/proc/sys/kernel/sched_rt_runtime_us", off), Severity::fine);
   EXPECT_EQ(severity("fair-server", "/sys/kernel/debug/sched/fair_server/cpu0/runtime", "50000000"),
             Severity::hint);
+  EXPECT_THAT(one("fair-server").remedy, StartsWith("sudo sh -c 'for f in /sys/kernel/debug/"))
+      << "an ordinary user's shell cannot list that folder";
   file("/sys/kernel/debug/sched/fair_server/cpu0/runtime", "0");
   EXPECT_THAT(found("fair-server"), IsEmpty());
 }
@@ -168,6 +187,10 @@ TEST_F(Machine, HasCpusThatAreFastAndAwake) {
   file(cpu0 + "cpuidle/state1/latency", "133");
   EXPECT_THAT(one("idle-states").is, AllOf(HasSubstr("state1"), HasSubstr("133")));
   EXPECT_EQ(severity("idle-states"), Severity::hint);
+  file("/proc/cpuinfo", "processor\t: 0\nBogoMIPS\t: 108.00\nFeatures\t: fp asimd\nCPU implementer\t: 0x41");
+  EXPECT_THAT(one("idle-states").remedy, AllOf(HasSubstr("cpuidle.off=1"), Not(HasSubstr("max_cstate"))));
+  file("/proc/cpuinfo", "processor\t: 0\nvendor_id\t: GenuineIntel\nflags\t\t: fpu vme");
+  EXPECT_THAT(one("idle-states").remedy, AllOf(HasSubstr("max_cstate=1"), Not(HasSubstr("cpuidle.off"))));
   EXPECT_EQ(severity("idle-states", cpu0 + "cpuidle/state1/disable", "1"), Severity::fine);
   EXPECT_EQ(severity("smt", "/sys/devices/system/cpu/smt/active", "1"), Severity::hint);
   EXPECT_EQ(severity("isolated-cpus", "/sys/devices/system/cpu/isolated", ""), Severity::hint);

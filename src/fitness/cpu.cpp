@@ -56,12 +56,14 @@ Findings idle_states(const Look& look) {
   if (deepest_us < 0) return {};
   const auto is = fmt::format("the deepest is {}: {} µs to leave", name, deepest_us);
   if (deepest_us <= enough_us) return {fine(is)};
-  return {
-      {Severity::hint, is,
-       fmt::format("at most {} µs to leave, while a program waits for messages", enough_us),
-       "the first message after a pause waits until the CPU wakes up",
-       "write 0 to /dev/cpu_dma_latency in the robot's program and keep it open (ontime: realtime on); or "
-       "for all programs: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
+  const bool is_pc = process::field(look.text("/proc/cpuinfo").value_or(""), "flags").has_value();
+  return {{Severity::hint, is,
+           fmt::format("at most {} µs to leave, while a program waits for messages", enough_us),
+           "the first message after a pause waits until the CPU wakes up",
+           fmt::format(
+               "write 0 to /dev/cpu_dma_latency in the robot's program and keep it open (ontime: realtime "
+               "on); or for all programs: {} on the kernel's command line",
+               is_pc ? "intel_idle.max_cstate=1 processor.max_cstate=1" : "cpuidle.off=1")}};
 }
 
 Findings smt(const Look& look) {

@@ -1,11 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernel: preemption, throttling, timers, clocks.
+#include <sstream>
+
 #include <fmt/format.h>
 
 #include "fitness/look.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::fitness {
+namespace {
+
+std::string how_to_install_rt(const Look& look) {
+  auto release = look.text("/etc/os-release");
+  if (!release) release = look.text("/usr/lib/os-release");
+  std::istringstream lines(release.value_or(""));
+  std::string distributions;  // this one, and those that it is made from
+  for (std::string line; std::getline(lines, line);)
+    if (line.starts_with("ID=") || line.starts_with("ID_LIKE=")) distributions += line;
+  const auto is = [&](const char* name) { return distributions.find(name) != std::string::npos; };
+  if (is("ubuntu")) return "sudo pro attach && sudo pro enable realtime-kernel (Ubuntu Pro), and reboot";
+  if (is("debian")) return "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot";
+  return "install a PREEMPT_RT kernel of your distribution, and reboot";
+}
+
+}  // namespace
+
 Findings preemption(const Look& look) {
   auto model =
       machine::preemption(look.text("/sys/kernel/realtime"), look.text("/sys/kernel/debug/sched/preempt"),
@@ -15,7 +34,7 @@ Findings preemption(const Look& look) {
   Finding finding{Severity::hint,
                   fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
                   "PREEMPT_RT", "every thread waits until interrupts, softirqs and kernel locks end",
-                  "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
+                  how_to_install_rt(look)};
   // Lazy preemption delays the preemption of ordinary threads only.
   if (model && *model != "full" && *model != "lazy") {
     finding.severity = Severity::wrong;
@@ -44,7 +63,8 @@ Findings fair_server(const Look& look) {
                fmt::format("{} reserves {} ns of each period for ordinary threads", cpu, *runtime),
                "0 on CPUs for real-time threads only",
                "starving ordinary threads run before real-time threads for that long",
-               fmt::format("for f in {}/cpu*/runtime; do echo 0 | sudo tee $f; done", folder)}};
+               // Only root can list the folder, and so expand the *.
+               fmt::format("sudo sh -c 'for f in {}/cpu*/runtime; do echo 0 >$f; done'", folder)}};
   return {};
 }
 
