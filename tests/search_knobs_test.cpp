@@ -220,6 +220,8 @@ TEST(Knobs, ReliableWithOneMessageOnALossyLinkIsAContradiction) {
   EXPECT_THAT(contradictions(run), IsEmpty());
 }
 
+const Places here = {{"", {{}, "/usr/bin/env"}}};
+
 constexpr const char* lean =
     "hosts: loopback\ndefaults: {kernel.rmem-max: 1 MiB}\n"
     "runs:\n  - id: a\n    transport: udp\n    duration: 1 s\n";
@@ -235,7 +237,7 @@ TEST(Keep, TheKeysOfARunCanBePastedAndMeanTheSame) {
   selection.set = set;
   for (const auto& text : {std::string(lean), stated}) {
     const auto searched = scenario::parse_scenario("a.yaml", text, selection);
-    const auto kept = keep(searched.runs.front(), set, {}, "/usr/bin/env");
+    const auto kept = keep(searched.runs.front(), set, here);
     EXPECT_EQ(kept.run, "a");
     const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
     EXPECT_EQ(conditions::asked(pasted.runs.front(), pasted.hosts),
@@ -268,7 +270,7 @@ TEST(Keep, TheCommandMeansWhatTheSearchFound) {
         key.set(run, knob.values.front());
       }
   EXPECT_THAT(run.kernel, Contains(Key("rmem-max")));
-  const auto kept = keep({}, set, {}, "/usr/bin/env");
+  const auto kept = keep({}, set, here);
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_EQ(wishes_of(kept.units.front().command), run.kernel);
   EXPECT_EQ(wishes_of(kept.units.front().text), run.kernel);
@@ -277,7 +279,7 @@ TEST(Keep, TheCommandMeansWhatTheSearchFound) {
 const Set of_an_interface = {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}};
 
 TEST(Keep, TheUnitSetsWhatIsTheKernels) {
-  const auto kept = keep({}, of_an_interface, {}, "/usr/bin/env");
+  const auto kept = keep({}, of_an_interface, here);
   ASSERT_THAT(kept.units, SizeIs(1));
   const auto& unit = kept.units.front();
   EXPECT_EQ(unit.command,
@@ -294,29 +296,30 @@ TEST(Keep, TheUnitSetsWhatIsTheKernels) {
 TEST(Keep, TheUnitSetsWhatTheRunItselfAsksOfTheKernelToo) {
   conditions::Run run;
   run.kernel = {{"gro", "on"}, {"rmem-max", "8192"}, {"threaded-napi", "on"}};
-  auto kept = keep(run, {{"kernel.napi-threads", "60"}, {"kernel.rmem-max", "4 MiB"}}, {}, "/usr/bin/env");
+  auto kept = keep(run, {{"kernel.napi-threads", "60"}, {"kernel.rmem-max", "4 MiB"}}, here);
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_EQ(kept.units.front().command,
             "ontime tune apply --set gro=on --set napi-threads=60 --set rmem-max=4194304B --set "
             "threaded-napi=on --interface INTERFACE --print systemd");
   EXPECT_THAT(kept.scenario, Not(HasSubstr("gro"))) << "the scenario has it";
-  kept = keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env");
+  kept = keep(run, {{"realtime", "on"}}, here);
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_THAT(kept.units.front().text, HasSubstr("--set threaded-napi=on"));
-  EXPECT_THAT(keep(run, {}, {}, "/usr/bin/env").units, IsEmpty()) << "nothing is to be changed";
+  EXPECT_THAT(keep(run, {}, here).units, IsEmpty()) << "nothing is to be changed";
 }
 
 TEST(Keep, IsolationOfTheRunIsNamedAsLeftOut) {
   conditions::Run run;
-  EXPECT_EQ(keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env").left_out, "");
+  EXPECT_EQ(keep(run, {{"realtime", "on"}}, here).left_out, "");
   run.isolation.cpus = {1};
-  EXPECT_THAT(keep(run, {{"realtime", "on"}}, {}, "/usr/bin/env").left_out, HasSubstr("isolation.*"));
-  EXPECT_EQ(keep(run, {}, {}, "/usr/bin/env").left_out, "") << "nothing is to be kept";
+  EXPECT_THAT(keep(run, {{"realtime", "on"}}, here).left_out, HasSubstr("isolation.*"));
+  EXPECT_EQ(keep(run, {}, here).left_out, "") << "nothing is to be kept";
 }
 
 TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
   const auto kept =
-      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth3", ""}}}, "/usr/bin/env");
+      keep({}, of_an_interface,
+           {{"controller", {{"eth3", ""}, "/usr/bin/env"}}, {"component", {{"eth3", ""}, "/usr/bin/env"}}});
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_THAT(kept.units.front().text, HasSubstr("--interface eth3\n"));
   EXPECT_EQ(kept.units.front().host + kept.fill_in, "");
@@ -324,7 +327,8 @@ TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
 
 TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
   const auto kept =
-      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth0", ""}}}, "/usr/bin/env");
+      keep({}, of_an_interface,
+           {{"controller", {{"eth3", ""}, "/usr/bin/env"}}, {"component", {{"eth0", ""}, "/usr/bin/env"}}});
   ASSERT_THAT(kept.units, SizeIs(2));
   EXPECT_EQ(kept.units[0].host, "component");
   EXPECT_THAT(kept.units[0].text, HasSubstr("--interface eth0\n"));
@@ -332,7 +336,7 @@ TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
 }
 
 TEST(Keep, AnInterfaceInANetworkNamespaceHasNoUnit) {
-  const auto kept = keep({}, of_an_interface, {{"component", {"eth0", "robot"}}}, "/usr/bin/env");
+  const auto kept = keep({}, of_an_interface, {{"component", {{"eth0", "robot"}, "/usr/bin/env"}}});
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_EQ(kept.units[0].text, "");
   EXPECT_THAT(kept.units[0].why_not, HasSubstr("robot"));
@@ -340,25 +344,47 @@ TEST(Keep, AnInterfaceInANetworkNamespaceHasNoUnit) {
 
 TEST(Keep, AnUnknownInterfaceOfOneHostHasAPlaceholder) {
   const auto kept =
-      keep({}, of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
+      keep({}, of_an_interface,
+           {{"controller", {{"eth3", ""}, "/usr/bin/env"}}, {"component", {{"", ""}, "/usr/bin/env"}}});
   ASSERT_THAT(kept.units, SizeIs(2));
   EXPECT_THAT(kept.units[0].text, HasSubstr("--interface INTERFACE"));
   EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
 }
 
+// Of another machine, ontime cannot tell here who may change a program.
+TEST(Keep, EachUnitStartsTheProgramOfItsHost) {
+  const auto units = [](const std::string& program_there) {
+    return keep({}, {{"kernel.ksoftirqd", "60"}},
+                {{"controller", {{}, "/usr/bin/env"}}, {"component", {{}, program_there, false}}})
+        .units;
+  };
+  const auto other = units("/opt/robot/bin/ontime");
+  ASSERT_THAT(other, SizeIs(2));
+  EXPECT_EQ(other[0].host, "component");
+  EXPECT_THAT(other[0].text, HasSubstr("ExecStart=/opt/robot/bin/ontime tune apply "));
+  EXPECT_THAT(other[1].text, HasSubstr("ExecStart=/usr/bin/env tune apply "));
+  const auto same = units("/usr/bin/env");
+  ASSERT_THAT(same, SizeIs(1));
+  EXPECT_EQ(same[0].host, "");
+  const auto copied = units("");
+  ASSERT_THAT(copied, SizeIs(2));
+  EXPECT_EQ(copied[0].text, "");
+  EXPECT_THAT(copied[0].why_not, HasSubstr("install"));
+}
+
 TEST(Keep, SettingsOfNoInterfaceNeedNone) {
-  const auto kept =
-      keep({}, {{"kernel.ksoftirqd", "60"}}, {{"a", {"eth3", ""}}, {"b", {"", ""}}}, "/usr/bin/env");
+  const auto kept = keep({}, {{"kernel.ksoftirqd", "60"}},
+                         {{"a", {{"eth3", ""}, "/usr/bin/env"}}, {"b", {{"", ""}, "/usr/bin/env"}}});
   ASSERT_THAT(kept.units, SizeIs(1));
   EXPECT_THAT(kept.units.front().text, Not(HasSubstr("--interface")));
   EXPECT_EQ(kept.fill_in, "");
 }
 
 TEST(Keep, SettingsOfAProcessNeedNoUnitAndAnEmptySetNothing) {
-  const auto of_process = keep({}, {{"realtime", "on"}}, {}, "/usr/bin/env");
+  const auto of_process = keep({}, {{"realtime", "on"}}, here);
   EXPECT_EQ(of_process.scenario, "    realtime: on\n");
   EXPECT_THAT(of_process.units, IsEmpty());
-  EXPECT_EQ(keep({}, {}, {}, "/usr/bin/env").scenario, "");
+  EXPECT_EQ(keep({}, {}, here).scenario, "");
 }
 
 class Causes : public testing::Test {

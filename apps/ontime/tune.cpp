@@ -127,7 +127,7 @@ int apply(const TuneArguments& arguments) {
         word_flag<Form>("--print", arguments.boot,
                         {{"systemd", Form::systemd}, {"tmpfiles", Form::tmpfiles}, {"shell", Form::shell}});
     print(settings::at_every_boot(form, run.kernel, settings::plan(run.kernel, link), link,
-                                  orders::this_program()));
+                                  {orders::this_program()}));
     return 0;
   }
   warn(run, !arguments.scenario.empty());

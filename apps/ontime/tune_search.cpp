@@ -239,7 +239,7 @@ class Searched {
   }
   const std::string& stopped() const { return trials_.stopped(); }
   // On standard output, and as pages beside the results. Returns the exit code.
-  int show(const search::Links&) const;
+  int show(const search::Places& = {{"", {{}, orders::this_program()}}}) const;
 
  private:
   const Arguments& arguments_;
@@ -251,21 +251,20 @@ class Searched {
   search::Outcome outcome_;
 };
 
-int Searched::show(const search::Links& links) const {
+int Searched::show(const search::Places& places) const {
   const bool as_json = is_json_flag(arguments_.format);
   const auto& results = asked_.results;
   const auto reader = places_.writer.reader();
   places_.terminal.does("drawing the pages");
-  const SearchReport report{
-      problem_,
-      outcome_,
-      knobs_.left_out,
-      stopped(),
-      machine_of(reader),
-      arguments_.scenario,
-      results,
-      std::filesystem::path(results).replace_extension("search.html").string(),
-      search::keep(asked_.scenario.runs.front(), outcome_.set, links, orders::this_program())};
+  const SearchReport report{problem_,
+                            outcome_,
+                            knobs_.left_out,
+                            stopped(),
+                            machine_of(reader),
+                            arguments_.scenario,
+                            results,
+                            std::filesystem::path(results).replace_extension("search.html").string(),
+                            search::keep(asked_.scenario.runs.front(), outcome_.set, places)};
   write_whole(report.page, page_of(report));
   print_error("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(text_of(report));
@@ -278,7 +277,7 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
                 campaign::Interrupts& interrupts) {
   record::Writer writer(asked.results);
   search::Knobs knobs;
-  search::Links links;
+  search::Places places;
   record::ByName<record::Machine> machines;
   {
     const campaign::Look look(asked.scenario, terminal, interrupts);
@@ -286,19 +285,19 @@ int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
     auto bounds = asked.bounds;
     bounds.cannot = [&](const search::Setting& one) { return look.why_not(one.key, one.value); };
     knobs = search::knobs_of(asked.scenario.runs.front(), bounds);
-    links = look.links();
+    for (const auto& [host, place] : look.places()) places[host] = {place.link, place.program, !place.by_ssh};
     machines = look.machines();
   }
   tell(asked.scenario, knobs);
-  Trials::Places places{writer, terminal, interrupts};
+  Trials::Places trials{writer, terminal, interrupts};
   if (!arguments.send_to.empty())
-    places.counts = [&](std::int64_t run) { send_from_lab(writer, run, arguments.send_to); };
+    trials.counts = [&](std::int64_t run) { send_from_lab(writer, run, arguments.send_to); };
   const auto simulated = machine::describe().at("simulated");
   Searched searched(arguments, asked, knobs, simulated.is_string() ? simulated.get<std::string>() : "",
-                    machines, places);
+                    machines, trials);
   if (arguments.resume) searched.recall();
   if (searched.find().runs == 0) throw Error(searched.exit_code(), searched.stopped());
-  if (arguments.send_to.empty()) return searched.show(links);
+  if (arguments.send_to.empty()) return searched.show(places);
   if (const auto& why = searched.stopped(); !why.empty()) terminal.note(why);
   return searched.exit_code();
 }
@@ -351,12 +350,12 @@ int search_in_lab(const Arguments& arguments, const Asked& asked, InLab& lab, Te
   if (arguments.resume) {
     auto known = recalled(arguments, asked, places);
     known.recall("", 0);
-    if (known.find().end != search::End::no_time) return known.show({});
+    if (known.find().end != search::End::no_time) return known.show();
   }
   const auto end = lab.measure(writer, terminal, interrupts);
   auto searched = recalled(arguments, asked, places);
   searched.recall(reason_of(end), exit_code_of(end));
-  return searched.find().runs == 0 ? exit_code_of(end) : searched.show({});
+  return searched.find().runs == 0 ? exit_code_of(end) : searched.show();
 }
 
 int run(const Arguments& arguments) {

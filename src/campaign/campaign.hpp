@@ -92,8 +92,12 @@ class Look {
   std::string why_not(const std::string& key, const std::string& value) const;
   record::ByName<record::Machine> machines() const;  // of "controller" and "component"
   int most_cpus() const;                             // the highest number of online CPUs of a machine
-  // By host: the interface of its messages; empty if the interfaces are created for the runs.
-  std::map<std::string, settings::Link> links() const;
+  struct Place {
+    settings::Link link;  // of its messages; an interface "": not known, or created for the runs
+    std::string program;  // the path of its ontime; "": copied there for the runs
+    bool by_ssh = false;
+  };
+  std::map<std::string, Place> places() const;  // by host
 
  private:
   struct Parts;

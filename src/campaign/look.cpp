@@ -81,14 +81,20 @@ int Look::most_cpus() const {
   return static_cast<int>(most);
 }
 
-std::map<std::string, settings::Link> Look::links() const {
-  std::map<std::string, settings::Link> links;
-  const auto& hosts = parts_->machines.hosts();
-  if (hosts.kind == Hosts::Kind::loopback || parts_->is_virtual()) return links;
+std::map<std::string, Look::Place> Look::places() const {
+  std::map<std::string, Place> places;
+  const auto& machines = parts_->machines;
+  const auto& hosts = machines.hosts();
+  const auto add = [&](const std::string& host) {
+    places[host] = {{}, machines.program(host), machines.by_ssh(host)};
+  };
+  add(controller);
+  for (const auto& component : hosts.components) add(component.name);
+  if (hosts.kind == Hosts::Kind::loopback || parts_->is_virtual()) return places;
   const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ontime created the namespace
-  for (const auto& [host, looked] : parts_->machines.look({}))
-    links[host] = {looked.at("interface"), is_stated ? looked.at("network_namespace") : ""};
-  return links;
+  for (const auto& [host, looked] : machines.look({}))
+    places[host].link = {looked.at("interface"), is_stated ? looked.at("network_namespace") : ""};
+  return places;
 }
 
 }  // namespace ontime::campaign

@@ -210,6 +210,8 @@ void Machines::open(Machine& machine, const Transports& transports) {
   machine.description = record::read<record::Machine>(opened.at("machine"));
   if (machine.ssh && hosts_.deploy)
     for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
+  else
+    machine.program = opened.at("program");
   tell(opened.at("notes"));
   if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
     throw Error(3, fmt::format("the {}'s machine: {}. Or choose another transport", machine.hosts.front(),

@@ -46,6 +46,7 @@ class Machines {
   bool lost() const;  // whether a keeper is
 
   bool by_ssh(const std::string& host) const { return machine_of(host).ssh != nullptr; }
+  const std::string& program(const std::string& host) const { return machine_of(host).program; }
   // An agent where that host's end lives, called "the agent of the HOST" and `whom`. Throws Error.
   std::unique_ptr<Hand> start_agent(const std::string& host, const std::string& whom) const;
 
@@ -99,6 +100,7 @@ class Machines {
     std::unique_ptr<Ssh> ssh;  // outlives everything that it starts
     std::unique_ptr<Hand> keeper;
     record::Machine description;
+    std::string program;  // the path of its ontime; "": copied there until the keeper ends
     std::vector<std::string> hosts;
   };
   // What the keeper of a host needs to know of one end of a link, which it calls by `name`.

@@ -2,6 +2,7 @@
 #include "search/keep.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -23,25 +24,32 @@ bool is_of_interface(const settings::Wishes& wishes) {
                              [&](const auto& one) { return one.of_interface && wishes.contains(one.name); });
 }
 
-// One for each host, or one for all where all have the same, or need none.
-Links links_of(const Links& known, const settings::Wishes& wishes) {
-  if (!is_of_interface(wishes)) return {{"", {}}};
-  if (known.empty()) return {{"", {to_fill_in, ""}}};
-  auto links = known;
-  for (auto& [host, link] : links)
-    if (link.interface.empty()) link.interface = to_fill_in;
-  const auto& first = links.begin()->second;
-  const bool is_one = std::all_of(links.begin(), links.end(), [&](const auto& one) {
-    return one.second.interface == first.interface && one.second.network_namespace == first.network_namespace;
-  });
-  return is_one ? Links{{"", first}} : links;
+// One for each host, or one for all where all have the same.
+Places without_repetition(Places places, const settings::Wishes& wishes) {
+  for (auto& [host, place] : places)
+    if (!is_of_interface(wishes))
+      place.link = {};
+    else if (place.link.interface.empty())
+      place.link.interface = to_fill_in;
+  auto one = places.begin()->second;
+  for (const auto& [host, place] : places) {
+    if (place.link.interface != one.link.interface ||
+        place.link.network_namespace != one.link.network_namespace || place.program != one.program)
+      return places;
+    one.is_here = one.is_here || place.is_here;
+  }
+  return {{"", one}};
 }
 
-Unit unit_of(const std::string& host, const settings::Link& link, const settings::Wishes& wishes,
-             const std::string& program) {
-  Unit unit{host, settings::command_to_apply("ontime", wishes, link) + " --print systemd", "", ""};
+Unit unit_of(const std::string& host, const Place& place, const settings::Wishes& wishes) {
+  Unit unit{host, settings::command_to_apply("ontime", wishes, place.link) + " --print systemd", "", ""};
+  if (place.program.empty()) {
+    unit.why_not = "ontime is there only for the search. Fix: install it, and give that command there";
+    return unit;
+  }
   try {
-    unit.text = settings::at_every_boot(settings::Form::systemd, wishes, {}, link, program);
+    unit.text = settings::at_every_boot(settings::Form::systemd, wishes, {}, place.link,
+                                        {place.program, place.is_here});
   } catch (const settings::Error& error) {
     unit.why_not = error.what();
   }
@@ -50,7 +58,7 @@ Unit unit_of(const std::string& host, const settings::Link& link, const settings
 
 }  // namespace
 
-Kept keep(const conditions::Run& run, const Set& set, const Links& links, const std::string& program) {
+Kept keep(const conditions::Run& run, const Set& set, Places places) {
   Kept kept;
   if (set.empty()) return kept;
   kept.run = run.id;
@@ -61,9 +69,9 @@ Kept keep(const conditions::Run& run, const Set& set, const Links& links, const 
         "with isolcpus= on the kernel's command line (`ontime check` prints it).";
   const auto wishes = wishes_of(run, set);
   if (wishes.empty()) return kept;
-  for (const auto& [host, link] : links_of(links, wishes)) {
-    kept.units.push_back(unit_of(host, link, wishes, program));
-    if (link.interface == to_fill_in)
+  for (const auto& [host, place] : without_repetition(std::move(places), wishes)) {
+    kept.units.push_back(unit_of(host, place, wishes));
+    if (place.link.interface == to_fill_in)
       kept.fill_in = fmt::format(
           "Replace {} with the robot's network interface for these messages (`ip link` lists them).",
           to_fill_in);

@@ -27,9 +27,13 @@ struct Kept {
   std::string left_out;     // what no unit sets, though the goal was proven with it, and the fix; "": nothing
 };
 // The units also set what the run itself asks of the kernel: the goal was proven with it, and napi-threads
-// cannot be set without its threaded-napi. `program`: what the units start. `links`: of each host, where its
-// messages come and go at boot; an interface "" is not known.
-using Links = std::map<std::string, settings::Link>;
-Kept keep(const conditions::Run&, const Set&, const Links&, const std::string& program);
+// cannot be set without its threaded-napi.
+struct Place {
+  settings::Link link;  // where its messages come and go at boot; an interface "" is not known
+  std::string program;  // its ontime, which the unit starts; "": it is there only for the search
+  bool is_here = true;  // else on another machine
+};
+using Places = std::map<std::string, Place>;  // by host, or "": each; never empty
+Kept keep(const conditions::Run&, const Set&, Places);
 
 }  // namespace ontime::search

@@ -32,12 +32,12 @@ void require_roots(const std::string& program) {
   }
 }
 
-std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
-  for (const auto& word : {link.interface, program})
+std::string systemd(const Wishes& wishes, const Link& link, const Program& program) {
+  for (const auto& word : {link.interface, program.path})
     if (const auto at = word.find_first_not_of(fmt::format("{}.", plain)); at != word.npos)
       throw WrongInput(fmt::format("'{}' cannot be in a unit: '{}' is not a letter, digit or one of _-/@:.",
                                    word, word[at]));
-  require_roots(program);
+  if (program.is_here) require_roots(program.path);
   return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
 [Unit]
 Description=Kernel settings for messages that arrive on time
@@ -52,7 +52,7 @@ ExecStop={} tune revert
 [Install]
 WantedBy=multi-user.target
 )",
-                     command_to_apply(program, wishes, link), program);
+                     command_to_apply(program.path, wishes, link), program.path);
 }
 
 [[noreturn]] void not_in(const char* form, const Change& change, const std::string& why) {
@@ -148,7 +148,7 @@ std::string command_to_apply(const std::string& program, const Wishes& wishes, c
 }
 
 std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Change>& changes,
-                          const Link& link, const std::string& program) {
+                          const Link& link, const Program& program) {
   if (!link.network_namespace.empty())
     throw WrongInput(
         fmt::format("the network namespace {} does not exist at boot. Fix: create it first, then "

@@ -116,10 +116,13 @@ std::vector<int> online_cpus();
 
 // "ontime tune apply --set gro=off --interface eth0"
 std::string command_to_apply(const std::string& program, const Wishes&, const Link&);
-// Text that sets them at every boot: a systemd unit that runs `program`, lines of tmpfiles.d, or a script.
-// Throws WrongInput for what this form cannot express, and Error if users could change `program`.
+// Text that sets them at every boot: a systemd unit that runs a program, lines of tmpfiles.d, or a script.
+// Throws WrongInput for what this form cannot express, and Error if users of this machine could change it.
+struct Program {
+  std::string path;
+  bool is_here = true;  // else on another machine
+};
 enum class Form { systemd, tmpfiles, shell };
-std::string at_every_boot(Form, const Wishes&, const std::vector<Change>&, const Link&,
-                          const std::string& program);
+std::string at_every_boot(Form, const Wishes&, const std::vector<Change>&, const Link&, const Program&);
 
 }  // namespace ontime::settings
