@@ -189,7 +189,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
   const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
     throw Error(2, "--plot: no metric has a change to draw. Check that the runs are complete: ontime report");
-  Output output(file);
+  Output output(file, Kind::figure);
   output.write(drawn(commands));
   output.finish();
 }
@@ -220,7 +220,7 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
                           "A has no run to compare with"});
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
-  Output output(arguments.output);
+  Output output(arguments.output, kind_of(format));
   const auto text =
       arguments.full ? report::render(comparison, judgements, format, output_columns())
                      : report::render_answer(comparison, judgements, format, full_command, output_columns());

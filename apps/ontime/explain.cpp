@@ -43,7 +43,7 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
   if (messages.empty())
     throw campaign::Error(
         2, fmt::format("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number));
-  Output file(arguments.perfetto);
+  Output file(arguments.perfetto, Kind::json);
   file.write(report::perfetto_of(reader, one.run, messages, pong));
   file.finish();
 }

@@ -32,7 +32,7 @@ int export_results(const ExportArguments& arguments) {
   const auto format = sample_format_flag(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen_runs(reader, arguments.results, arguments.only);
-  Output output(arguments.output);
+  Output output(arguments.output, format == report::SampleFormat::csv ? Kind::csv : Kind::json);
   report::export_samples(reader, runs, format, [&](std::string_view text) { output.write(text); });
   output.finish();
   return 0;

@@ -96,7 +96,7 @@ class Listening {
         time_(time_to_listen(arguments.time)),
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
-        output_(arguments.output),
+        output_(arguments.output, as_json_ ? Kind::json : Kind::text),
         width_(arguments.output.empty() ? reading_columns() : std::string::npos) {
     if (arguments.is_recording() && time_)
       throw campaign::Error(2, "--for: a recording is always read to its end. Fix: remove --for");

@@ -26,8 +26,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* mark_of_page = "<meta name=\"generator\" content=\"ontime";
-
 // Checked before the first run, so that a typo does not fail after hours. (A scenario's transport that this
 // machine lacks fails only its own runs.)
 void check_transports(const std::vector<std::string>& names) {
@@ -126,13 +124,12 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
   const bool is_usual = fs::path(results).extension() == ".ontime";  // "day.1" and "day.2" have a page each
   auto path = is_usual ? fs::path(results).replace_extension("html").string() : results + ".html";
   std::error_code none;
-  if (fs::exists(path, none) &&
-      !(fs::is_regular_file(path, none) && beginning_of(path, 1024).find(mark_of_page) != std::string::npos))
+  if (fs::exists(path, none) && !(fs::is_regular_file(path, none) && can_replace(path, Kind::page)))
     throw campaign::Error(
         2,
         fmt::format("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
                     path, results));
-  Output output(path);
+  Output output(path, Kind::page);
   // The file may have runs that another process measured.
   output.write(page::page_of(reader, summaries,
                              {.file = fs::path(results).filename().string(), .trusts = is_trusted}));

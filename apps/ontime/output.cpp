@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <initializer_list>
 #include <sstream>
 #include <system_error>
 #include <utility>
@@ -36,6 +37,13 @@ bool locale_is_utf8() {
       return locale.find("UTF-8") != locale.npos || locale.find("utf8") != locale.npos;
     }
   return false;
+}
+
+// Filled with NUL.
+std::string beginning_of(const std::string& path, std::size_t bytes) {
+  std::string beginning(bytes, '\0');
+  std::ifstream(path, std::ios::binary).read(beginning.data(), static_cast<std::streamsize>(bytes));
+  return beginning;
 }
 
 }  // namespace
@@ -88,25 +96,74 @@ std::string about(std::chrono::duration<double> time) {
   return min % 60 == 0 ? fmt::format("{} h", min / 60) : fmt::format("{} h {} min", min / 60, min % 60);
 }
 
-std::string beginning_of(const std::string& path, std::size_t bytes) {
-  std::string beginning(bytes, '\0');
-  std::ifstream(path, std::ios::binary).read(beginning.data(), static_cast<std::streamsize>(bytes));
-  return beginning;
-}
-
 bool is_results(const std::string& path) {
   constexpr std::string_view mark = "SQLite format 3";
   return beginning_of(path, mark.size()) == mark;
 }
 
-Output::Output(std::string path) : path_(std::move(path)) {
+Kind kind_of(report::Format format) {
+  using report::Format;
+  switch (format) {
+    case Format::json:
+      return Kind::json;
+    case Format::csv:
+      return Kind::csv;
+    case Format::latex:
+      return Kind::latex;
+    case Format::html:
+      return Kind::page;
+    case Format::table:
+    case Format::markdown:
+      break;
+  }
+  return Kind::text;
+}
+
+bool can_replace(const std::string& path, Kind kind) {
+  std::error_code ignored;
+  if (!fs::is_regular_file(path, ignored) || fs::file_size(path, ignored) == 0) return true;
+  const auto begin = beginning_of(path, 4096);
+  const auto begins = [&](std::initializer_list<std::string_view> marks) {
+    return std::ranges::any_of(marks, [&](const auto mark) { return begin.starts_with(mark); });
+  };
+  const auto has = [&](std::string_view mark) { return begin.find(mark) != begin.npos; };
+  switch (kind) {
+    case Kind::json:
+      return begins({"{", "["});
+    case Kind::csv:
+      return begins({"run,id,", "id,variant,", "id,transport,"});
+    case Kind::latex:
+      return begins({"\\begin{table", "% No run "});
+    case Kind::page:
+      return has("<meta name=\"generator\" content=\"ontime");
+    case Kind::junit:
+      return has("<testsuite");
+    case Kind::figure:
+      return begins({"%PDF", "\x89PNG"}) || has("<svg");
+    case Kind::text:
+      break;
+  }
+  const auto ending = fs::path(path).extension();
+  return !is_results(path) && (ending == ".txt" || ending == ".md" || ending == ".log");
+}
+
+Output::Output(std::string path, Kind kind) : path_(std::move(path)) {
+  constexpr const char* names[] = {"a text file (.txt, .md or .log)",
+                                   "JSON",
+                                   "a CSV file of ontime",
+                                   "a LaTeX table",
+                                   "an ontime page",
+                                   "JUnit XML",
+                                   "a figure"};
   std::error_code ignored;
   const bool to_stdout = path_.empty();
   const bool is_file = fs::is_regular_file(path_, ignored);
-  // A typo must not replace hours of measurements.
-  if (is_file && is_results(path_))
+  if (!can_replace(path_, kind))
     throw orders::Error(
-        2, fmt::format("{} is a results file and is not replaced. Fix: name another file", path_));
+        2, is_results(path_)
+               ? fmt::format("{} is a results file and is not replaced. Fix: name another file", path_)
+               : fmt::format("{} exists and is not {}. Fix: name another file", path_,
+                             names[static_cast<std::size_t>(kind)]));
   if (to_stdout) {
     file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
   } else if (!is_file && fs::exists(path_, ignored)) {
@@ -147,8 +204,8 @@ void Output::finish() {
   part_.clear();
 }
 
-void write_whole(const std::string& path, std::string_view text) {
-  Output output(path);
+void write_whole(const std::string& path, std::string_view text, Kind kind) {
+  Output output(path, kind);
   output.write(text);
   output.finish();
 }

@@ -29,9 +29,13 @@ std::string for_output(std::string text);
 std::string about(std::chrono::duration<double>);
 inline constexpr const char* simulated_time = " of simulated time";  // after about()
 
-// The first bytes of a file, filled with NUL; all NUL if the file is missing.
-std::string beginning_of(const std::string& path, std::size_t bytes);
-bool is_results(const std::string& path);  // by its first bytes
+// What a command writes to a file. An existing file is replaced only by its own kind, so that a mistyped name
+// destroys nothing. `page` is the HTML of this ontime or another; a table of text has no mark, so it goes by
+// the name: .txt, .md or .log.
+enum class Kind { text, json, csv, latex, page, junit, figure };
+Kind kind_of(report::Format);
+bool can_replace(const std::string& path, Kind);  // also an empty file, or none
+bool is_results(const std::string& path);         // by its first bytes
 
 // The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full, report::Origin);
@@ -43,9 +47,9 @@ struct ReaderGone {};
 
 class Output {
  public:
-  // An empty path: standard output. finish() replaces an existing file; a results file is never replaced. A
-  // pipe or a device is written directly. All throw orders::Error, which names the file, or ReaderGone.
-  explicit Output(std::string path);
+  // An empty path: standard output. finish() replaces an existing file, if can_replace(). A pipe or a device
+  // is written directly. All throw orders::Error, which names the file, or ReaderGone.
+  explicit Output(std::string path, Kind = Kind::text);
   ~Output();
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
@@ -63,6 +67,6 @@ class Output {
   std::unique_ptr<std::FILE, Close> file_;
 };
 
-void write_whole(const std::string& path, std::string_view text);  // by an Output
+void write_whole(const std::string& path, std::string_view text, Kind = Kind::text);  // by an Output
 
 }  // namespace ontime::app

@@ -59,7 +59,7 @@ int plot(PlotArguments arguments) {
         fmt::format("{}-{}.svg", (results.parent_path() / results.stem()).string(), arguments.figure);
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
-  Output output(arguments.output);
+  Output output(arguments.output, Kind::figure);
   auto summaries = chosen_summaries(reader, arguments.results, arguments.only);
   std::vector<std::string> without;
   std::erase_if(summaries, [&](const auto& summary) {

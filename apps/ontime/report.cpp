@@ -39,7 +39,7 @@ void add_report(Command& app) {
     const auto format = format_flag(arguments->format);
     const auto gates = flags->gates();
     const record::Reader reader(arguments->results);
-    Output output(arguments->output);
+    Output output(arguments->output, kind_of(format));
     const auto summaries = chosen_summaries(reader, arguments->results, arguments->only);
     const auto drawn = [&] {
       Terminal terminal;

@@ -265,7 +265,7 @@ int Searched::show(const search::Places& places) const {
                             results,
                             std::filesystem::path(results).replace_extension("search.html").string(),
                             search::keep(asked_.scenario.runs.front(), outcome_.set, places)};
-  write_whole(report.page, page_of(report));
+  write_whole(report.page, page_of(report), Kind::page);
   print_error("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(text_of(report));
   if (outcome_.end == search::End::no_time || outcome_.end == search::End::cannot_measure)

@@ -358,6 +358,36 @@ class Results(results.Results):
             self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
             self.assertEqual(self.results.read_bytes(), before)
             self.assertEqual(other.read_bytes(), before)
+
+    def test_output_replaces_only_files_of_its_kind(self):
+        self.measured()
+        self.measured(duration="200 ms")
+        sides = ("--from", "1", "--to", "2")
+        tables = (("report",), ("report", "--full"), ("report", "--threads"), ("report", "--layers"), ("compare", *sides))
+        written = {"text.txt": tables,
+                   **{form: [(*table, "--format", form) for table in tables] for form in ("json", "csv", "latex", "html")},
+                   "time.svg": (("plot",),), "time.pdf": (("plot",),), "time.png": (("plot",),)}
+        written["json"].append(("export", "--format", "jsonl"))
+        written["csv"].append(("export",))
+        for name, commands in written.items():
+            (self.folder / name).touch()
+            for command, *more in commands * 2:
+                with self.subTest(name, command=command, more=more):
+                    self.ontime(command, self.results, *more, "--output", self.folder / name)
+        others = {"load.yaml": b"# SPDX\nruns: []\n", "Makefile": b"all:\n", "robot.urdf": b"<robot/>", "data.csv": b"time,x\n1,2\n",
+                  "paper.tex": b"% Mine\n\\documentclass{x}\n", "mine.html": b"<!DOCTYPE html>\n<title>Mine</title>\n",
+                  "robot.pcap": b"\xd4\xc3\xb2\xa1\x02\0\x04\0", "robot.mcap": b"\x89MCAP0\r\n", "drawn.svg": b"runs: []\n"}
+        for name, content in others.items():
+            (self.folder / name).write_bytes(content)
+        for command, *more in [("plot",)] + [commands[-1] for name, commands in written.items() if not name.startswith("time")]:
+            for name in ["drawn.svg"] if command == "plot" else others:
+                with self.subTest(name, command=command, more=more):
+                    answer = self.ontime(command, self.results, *more, "--output", self.folder / name, code=2)
+                    self.assertIn(f"{name} exists and is no", answer.stderr)
+                    self.assertEqual((self.folder / name).read_bytes(), others[name])
+        self.assertIn("exists and is no", self.ontime("listen", "--for", "1h", "--output", self.folder / "load.yaml", code=2).stderr)
+        self.ontime("report", self.results, "--output", "/dev/stdout")
+
     def test_runs_that_are_not_alike_are_no_repetitions(self):
         self.measured()
         self.measured(duration="200 ms")
