@@ -61,6 +61,7 @@ TEST_F(Bags, FileCutAtAnyByteIsJudgedUpToThere) {
     for (std::size_t size = magic.size(); size <= whole.size(); ++size) {
       const auto findings = judged_mcap(whole.substr(0, size));
       ASSERT_THAT(findings.remarks, ElementsAre(HasSubstr(fmt::format("byte {}", size))));
+      ASSERT_EQ(findings.incomplete, findings.remarks);
       const auto messages = findings.flows.empty() ? 0 : findings.flows[0].messages;
       ASSERT_GE(messages, before);
       before = messages;

@@ -260,6 +260,7 @@ TEST_F(OnTheWire, DatagramCutShortMakesNoLoss) {
   arrive(Rtps().data(9));
   EXPECT_EQ(flow().lost, 0U);
   EXPECT_THAT(wire.findings().remarks, testing::Contains(testing::HasSubstr("in part")));
+  EXPECT_THAT(wire.findings().incomplete, testing::ElementsAre(testing::HasSubstr("in part")));
 }
 
 TEST_F(OnTheWire, WritersAreBounded) {

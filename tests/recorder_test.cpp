@@ -161,6 +161,21 @@ TEST_F(Recorder, PausesAreToldOfEachRun) {
   EXPECT_EQ(notes[0].text, "listened 40 % of the time");
 }
 
+TEST_F(Recorder, IncompleteSourceIsToldOfEachRun) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true);
+  for (std::uint64_t id : {1U, 2U}) period(results, id, 50 * ms);
+  listen::Findings findings;
+  findings.flows = {flow(1), flow(2, 3)};
+  findings.add_incomplete("the bag ends at byte 7");
+  results.end(findings, false);
+  for (const auto& run : statistics::summarise(record::Reader(path_))) {
+    ASSERT_EQ(run.notes.size(), 1u);
+    EXPECT_EQ(run.notes[0].kind, "incomplete");
+    EXPECT_EQ(run.notes[0].text, "the bag ends at byte 7");
+  }
+}
+
 // `ages` of ten messages have an age. What the results tell of it, as "kind: text" of a run.
 std::string open_age(const std::string& path, std::uint64_t ages,
                      std::optional<std::chrono::nanoseconds> limit) {

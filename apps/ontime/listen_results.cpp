@@ -348,6 +348,7 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
              fmt::format("the sensor dropped {} events of all topics: losses and periods across "
                          "these gaps are not counted",
                          wanted.sensor_lost));
+      for (const auto& remark : wanted.incomplete) note("incomplete", remark);
       note_not_judged(kept);
       if (!pauses.empty()) note("pauses", pauses);
       if (left_out_ > 0)

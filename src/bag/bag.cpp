@@ -38,6 +38,7 @@ class Bag final : public listen::Sensor {
   listen::Findings findings() const override {
     auto findings = judge_.findings();
     findings.remarks.insert(findings.remarks.begin(), files_.remarks.begin(), files_.remarks.end());
+    for (const auto& cut : cuts_) findings.add_incomplete(cut);
     return findings;
   }
 
@@ -47,7 +48,7 @@ class Bag final : public listen::Sensor {
  private:
   void end_file() {
     if (const auto cut = reader_->cut(); !cut.empty())
-      files_.remarks.push_back(fmt::format(
+      cuts_.push_back(fmt::format(
           "{}: {}: the recorder was killed, or the file was truncated. ontime judges the part before",
           files_.paths[next_], cut));
     judge_.end_file();
@@ -56,6 +57,7 @@ class Bag final : public listen::Sensor {
   }
 
   Files files_;
+  std::vector<std::string> cuts_;  // remarks on truncated files
   Judge judge_;
   std::unique_ptr<Reader> reader_;
   std::size_t next_ = 0;  // the file of reader_, or the next one

@@ -64,7 +64,7 @@ class Capture final : public Sensor {
                   is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
     clock_.remark(findings.remarks, "Periods and losses");
     if (!damage_.empty())
-      findings.remarks.push_back(
+      findings.add_incomplete(
           fmt::format("the capture cannot be read to its end: {}. ontime judges the part before", damage_));
     return findings;
   }

@@ -262,7 +262,13 @@ struct Findings {
   static constexpr std::size_t most_topics = 16384;
   static constexpr const char* any_topic = "\n";
   std::vector<std::string> remarks;  // what the sensors could not see, and why
-  std::optional<Cost> cost;          // of probes; empty: not measured
+  // Of `remarks`: parts of the source are missing, so each flow's results are told, too.
+  std::vector<std::string> incomplete;
+  void add_incomplete(const std::string& remark) {
+    remarks.push_back(remark);
+    incomplete.push_back(remark);
+  }
+  std::optional<Cost> cost;  // of probes; empty: not measured
 };
 
 // A dead writer sends no late message. Sets silent_ns of each flow: its silence until `until_ns`, counted

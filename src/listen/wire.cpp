@@ -237,7 +237,7 @@ Findings Wire::findings() const {
   std::ranges::sort(findings.flows, {},
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });
   if (cut_ > 0)
-    findings.remarks.push_back(
+    findings.add_incomplete(
         fmt::format("{} datagrams were captured only in part: losses across them are not counted", cut_));
   if (left_out_ > 0)
     findings.remarks.push_back(

@@ -61,16 +61,21 @@ class Input(unittest.TestCase):
         # Of a topic's reader the domain is checked first, with whatever transport is installed.
         self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
 
-    def test_late_messages_beyond_those_that_are_listed_are_counted(self):
+    def capture(self, messages):
+        """One each second, from a writer without a name."""
         def packet(number):
             data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
             rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
             udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
             ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
             return bytes(12) + b"\x08\0" + ip
-        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)), len(packet(number))) + packet(number) for number in range(1, 3001))
-        (self.folder / "late.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(packets))
-        arguments = [ONTIME, "listen", "--pcap", self.folder / "late.pcap", "--deadline", "500 ms"]
+        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)), len(packet(number))) + packet(number) for number in range(1, messages + 1))
+        path = self.folder / "robot.pcap"
+        path.write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(packets))
+        return path
+
+    def test_late_messages_beyond_those_that_are_listed_are_counted(self):
+        arguments = [ONTIME, "listen", "--pcap", self.capture(3000), "--deadline", "500 ms"]
         done = subprocess.run([*arguments, "--format", "json"], capture_output=True, text=True, timeout=60)
         self.assertEqual(done.returncode, 1, done.stderr)
         seen = json.loads(done.stdout)
@@ -103,6 +108,14 @@ class Input(unittest.TestCase):
         self.assertEqual(len(seen["remarks"]), 1)
         # Of the same time as what it counts: starting is in neither.
         self.assertLessEqual(seen["cost"]["ontime_cpu_share"] or 0, os.cpu_count())
+
+    def test_capture_that_is_cut_is_told_of_its_runs(self):
+        path, results = self.capture(100), self.folder / "r.ontime"
+        path.write_bytes(path.read_bytes()[:-5])
+        subprocess.run([ONTIME, "listen", "--pcap", path, "--results", results], check=True, capture_output=True, timeout=60)
+        for full in ((), ("--full",)):
+            told = subprocess.run([ONTIME, "report", results, *full], check=True, capture_output=True, text=True, timeout=60).stdout
+            self.assertIn("the capture cannot be read to its end: truncated", " ".join(told.split()))
 
     def test_empty_capture_has_no_messages(self):
         (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
