@@ -329,6 +329,19 @@ class Listening {
                                   : "to list all topics of the bag, omit --topic";
   }
 
+  // The requested topic may be among flows without a topic name.
+  std::string what_names(std::size_t unnamed) const {
+    if (arguments_.is_in_processes())
+      return fmt::format(
+          "{} no topic name: ontime finds that of a plain DDS program after some messages, or not at all. "
+          "Listen longer, or list all flows: replace TOPIC by --list",
+          table::many(unnamed, "flow has", "flows have"));
+    return fmt::format(
+        "{} no topic name, because their discovery was not captured. Start the capture before the nodes, or "
+        "omit TOPIC",
+        table::many(unnamed, "writer has", "writers have"));
+  }
+
   // Adds remarks on requested topics that were not seen.
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
@@ -340,11 +353,7 @@ class Listening {
       unseen_.insert(topic);
       findings.remarks.push_back(fmt::format(
           "no message of '{}' was seen{}; {}", topic, spelling::suggestion(topic, {seen.begin(), seen.end()}),
-          unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
-                                    "not captured. Start the capture before the nodes, or omit "
-                                    "TOPIC",
-                                    unnamed)
-                      : what_shows_topics()));
+          unnamed > 0 ? what_names(static_cast<std::size_t>(unnamed)) : what_shows_topics()));
     }
     if (findings.flows.empty() && arguments_.is_in_processes())
       findings.remarks.emplace_back(

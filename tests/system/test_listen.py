@@ -419,6 +419,19 @@ class Listen(Robot):
         self.assertEqual(done.returncode, 2, done.stderr)
         self.assertIn("did you mean '/cmd_vel'?", done.stderr)
 
+    def test_flows_without_a_topic_name_are_told_of_without_a_capture(self):
+        publisher, taker = nodes = self.pair(10, period_us=4_000_000)
+        listener = self.start(ONTIME, "listen", "/nosuch", "--format", "json", "--output", "seen.json")
+        until_probed(nodes)
+        taker.send_signal(signal.SIGSTOP)
+        begin(publisher)
+        time.sleep(6)  # the first message is sent after 4 s; the next one would tell its topic
+        listener.send_signal(signal.SIGINT)
+        self.assertEqual(listener.wait(120), 2)
+        remark = next(text for text in json.loads((self.folder / "seen.json").read_text())["remarks"] if "/nosuch" in text)
+        self.assertRegex(remark, r"; 1 flow has no topic name: .* replace TOPIC by --list")
+        self.assertNotIn("capture", remark)
+
     def test_without_privileges_it_says_what_to_grant(self):
         done = subprocess.run(["setpriv", "--reuid", "65534", "--clear-groups", "--bounding-set", "-all", ONTIME, "listen",
                                "--for", "1 s"], capture_output=True, text=True, timeout=60)
