@@ -161,6 +161,21 @@ TEST_F(Recorder, PausesAreToldOfEachRun) {
   EXPECT_EQ(notes[0].text, "listened 40 % of the time");
 }
 
+TEST_F(Recorder, WhatOntimeDidNotSeeIsToldInWordsOfTheRobot) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true);
+  period(results, 1, 50 * ms);
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  findings.sensor_lost = 1500;
+  results.end(findings, false);
+  const auto notes = statistics::summarise(record::Reader(path_)).at(0).notes;
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_EQ(notes[0].text, unseen_of(1500));
+  EXPECT_THAT(notes[0].text, testing::StartsWith("1,500 publishes, takes or packets were not seen: "));
+  EXPECT_THAT(notes[0].text, testing::HasSubstr("Fix for a full buffer: "));
+}
+
 TEST_F(Recorder, IncompleteSourceIsToldOfEachRun) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true);

@@ -400,10 +400,7 @@ class Listening {
           "not judged: messages that ontime may have delayed while it set or removed probes", width_));
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(cost_.text(findings.cost) + (budget_ ? budget_->text() : ""));
-    if (findings.sensor_lost > 0)
-      print_error(
-          fmt::format("the sensor dropped {} events: losses and periods across these gaps are not counted",
-                      table::grouped(findings.sensor_lost)));
+    if (findings.sensor_lost > 0) print_error(unseen_of(findings.sensor_lost));
     if (const auto count = misses_left_out(findings); count > 0)
       print_error(fmt::format("{} late ages and periods are counted but not listed: buffer full",
                               table::grouped(count)));

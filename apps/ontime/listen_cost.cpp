@@ -53,7 +53,7 @@ ordered_json ListenCost::json(const std::optional<listen::Cost>& probes) const {
 std::string ListenCost::text(const std::optional<listen::Cost>& probes) const {
   const std::chrono::duration<double> time = listened();  // steady, even if the clock is set meanwhile
   auto counted = labelled(
-      "counted", fmt::format("from {:%T}, for {:.1f} s; a node that starts later: within 1 s of its start",
+      "counted", fmt::format("from {:%T}, for {:.1f} s; nodes that start later are found within 1 s",
                              fmt::localtime(std::chrono::system_clock::to_time_t(from_)), time.count()));
   if (!is_known()) return counted;
   auto text = fmt::format("ontime {:.1f} % of one CPU", 100 * own_share());

@@ -343,11 +343,7 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
       const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
         writer_.note(run, {kind, text, std::nullopt, std::nullopt});
       };
-      if (wanted.sensor_lost > 0)
-        note("sensor-lost",
-             fmt::format("the sensor dropped {} events of all topics: losses and periods across "
-                         "these gaps are not counted",
-                         wanted.sensor_lost));
+      if (wanted.sensor_lost > 0) note("sensor-lost", unseen_of(wanted.sensor_lost));
       for (const auto& remark : wanted.incomplete) note("incomplete", remark);
       note_not_judged(kept);
       if (!pauses.empty()) note("pauses", pauses);

@@ -123,6 +123,13 @@ std::string open_age_of(const listen::Flow& flow) {
   return text;
 }
 
+std::string unseen_of(std::uint64_t sensor_lost) {
+  return fmt::format(
+      "{} not seen: ontime's buffer was full, or a node took more than 64 messages at once. Losses and "
+      "periods across these gaps are not counted. Fix for a full buffer: start ontime with nice -n -10",
+      table::many(sensor_lost, "publish, take or packet was", "publishes, takes or packets were"));
+}
+
 std::string time_of_silence(std::int64_t ns) {
   return ns < 999'500'000 ? in_rounded_ms(ns) + " ms"
                           : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
