@@ -463,7 +463,10 @@ TEST(ListenWords, QuantilesHaveThreeDigitsAndTheMaximumHasAll) {
   EXPECT_EQ(in_rounded_ms(123'456'000), "123");
   listen::Flow periodic;
   for (int i = 0; i < 100; ++i) periodic.period.add(9'999'500);
-  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("p50 10.0 p99 10.0 max"));
+  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("period p50 10.0 ms  p99 10.0 ms  max 9.999 ms\n"));
+  periodic.period = {};
+  periodic.period.add(100'000'000);
+  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("period p50 100 ms  p99 100 ms  max 100 ms\n"));
 }
 
 TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {

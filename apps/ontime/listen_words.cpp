@@ -23,9 +23,11 @@ std::string topic_of(const std::string& topic) {
 }
 
 std::string spread_of(const listen::Distribution& values) {
-  return values.count() == 0 ? "unknown"
-                             : fmt::format("p50 {} p99 {} max {} ms", in_rounded_ms(values.quantile_ns(0.5)),
-                                           in_rounded_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
+  if (values.count() == 0) return "unknown";
+  auto max = in_ms(values.max_ns());
+  if (max.ends_with(".0")) max.resize(max.size() - 2);  // "100", as the others
+  return fmt::format("p50 {} ms  p99 {} ms  max {} ms", in_rounded_ms(values.quantile_ns(0.5)),
+                     in_rounded_ms(values.quantile_ns(0.99)), max);
 }
 
 const char* start_of_age(listen::AgeFrom from) {
@@ -39,7 +41,7 @@ std::string age_of(const listen::Flow& flow) {
   if (!flow.age) return "age unknown";
   return (flow.age_from == listen::AgeFrom::writer
               ? "age "
-              : fmt::format("age from {} until recorded ", start_of_age(flow.age_from))) +
+              : fmt::format("age from {} to recording ", start_of_age(flow.age_from))) +
          spread_of(*flow.age);
 }
 
