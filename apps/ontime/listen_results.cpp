@@ -64,6 +64,7 @@ void ListenResults::forget() {
 
 void ListenResults::add(Kept& kept, const roundtrip::Sample& sample, bool was_lost) {
   const bool is_lost = sample.fate == roundtrip::Fate::lost;
+  kept.is_told = false;
   if (!is_lost) kept.values.add(sample.received_ns - sample.sent_ns);
   kept.lost += is_lost ? 1 : 0;
   kept.late += sample.fate == roundtrip::Fate::late ? 1 : 0;
@@ -175,8 +176,10 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     if (!keeps_worst_) continue;
     write_worst(kept);
     const bool has_gone = flow == nullptr && !is_end;  // its processes ended, and it was forgotten
-    if (!has_gone && kept.told_at && now - *kept.told_at < outcome_every) continue;
+    // Many topics have one message when a node starts, and then none for weeks.
+    if (!has_gone && (kept.is_told || (kept.told_at && now - *kept.told_at < outcome_every))) continue;
     kept.told_at = now;
+    kept.is_told = true;
     if (about.is_null()) about = about_machine();
     auto outcome = outcome_of(key.second, kept);
     outcome.update(about);
@@ -198,6 +201,7 @@ void ListenResults::note(const listen::Miss& miss) {
   const bool is_age = miss.kind == listen::Miss::Kind::age;
   const auto quantity = is_age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
+  kept.is_told = false;
   if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
   const auto row_in = [&](const auto& rows) -> std::optional<roundtrip::Sample> {
     const auto row = std::find_if(rows.rbegin(), rows.rend(), [&](const auto& sample) {

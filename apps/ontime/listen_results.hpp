@@ -59,6 +59,7 @@ class ListenResults {
     std::deque<roundtrip::Sample> latest;
     std::vector<Bad> worst;                    // to be written
     std::optional<Clock::time_point> told_at;  // the outcome until then
+    bool is_told = false;                      // nothing came since then
     std::string name;                          // in names_
     listen::Distribution values;               // of rows
     struct {
