@@ -40,8 +40,22 @@ class Evidence : public Explained {
     switched(until + 2 * us, 1, 0, "R", answers);
     switched(until + 60 * us, 1, answers, "S", 0);
   }
+  // The message is taken in by a softirq that wakes its reader, and then loses its CPU to a thread.
+  void preempted_in_its_softirq(std::int64_t at, std::int32_t by) {
+    switched(due - ms / 2, 1, hog, "S", softirqs);
+    sender_wakes_and_sends();
+    event(sent + 10 * us, 1, Kind::soft_interrupt, softirqs, 0, "NET_RX");
+    event(sent + 15 * us, 1, Kind::waking, hog, softirqs, "1");
+    event(sent + 20 * us, 1, Kind::waking, answers, softirqs, "1");
+    switched(at, 1, softirqs, "R", by);
+  }
+  void ends_its_softirq(std::int64_t at, std::int32_t after) {
+    if (after != softirqs) switched(at - us, 1, after, "S", softirqs);
+    event(at, 1, Kind::soft_interrupt_end, softirqs, 0, "NET_RX");
+    switched(at + us, 1, softirqs, "S", after == softirqs ? answers : 0);
+  }
   static std::string word(const Part& part) { return word_of(part.cause); }
-  static constexpr std::int32_t another = 6;
+  static constexpr std::int32_t another = 6, softirqs = 7;
 };
 
 TEST_P(Evidence, TimeInTheSendCallIsTheSendThreads) {
@@ -84,6 +98,62 @@ TEST_P(Evidence, TimeInTheSoftirqThatTakesAPacketInIsItsOwn) {
   EXPECT_EQ(part.stage, Stage::travelled);
   EXPECT_EQ(part.end, "component");
   EXPECT_GT(part.ns, 5 * ms);
+}
+
+// A thread of a PREEMPT_RT kernel may lose its CPU inside a softirq.
+TEST_P(Evidence, APreemptedSoftirqTakesNoCpu) {
+  preempted_in_its_softirq(sent + 22 * us, answers);
+  event(sent + 20 * ms, 1, Kind::queued, answers, 0, "to-controller", 2);
+  event(sent + 20 * ms + us, 1, Kind::sent, answers, 0, "to-controller", 2);
+  ends_its_softirq(sent + 20 * ms + 60 * us, answers);
+  auto sample = late(0, 0, 20 * ms);  // the reader computed before it answered
+  sample.server_sent_ns += 20 * ms;
+  const auto part = first(message(sample));
+  EXPECT_EQ(word(part), "busy");
+  EXPECT_EQ(part.thread, "receive");
+  EXPECT_EQ(part.stage, Stage::answered);
+}
+
+TEST_P(Evidence, AThreadThatPreemptedASoftirqIsNamedInsteadOfIt) {
+  preempted_in_its_softirq(sent + 22 * us, hog);
+  for (auto at = 4 * ms; at < 20 * ms; at += 4 * ms) {
+    event(sent + at, 1, Kind::timer, hog);
+    event(sent + at + us, 1, Kind::timer_end, hog);
+  }
+  switched(sent + 20 * ms, 1, hog, "S", answers);
+  ends_its_softirq(sent + 20 * ms + 60 * us, answers);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(word(part), "cpu");
+  EXPECT_EQ(part.culprit, "hog");
+}
+
+TEST_P(Evidence, ASoftirqThatIsPreemptedBeforeItWakesTheReaderWaits) {
+  switched(due - ms / 2, 1, hog, "S", softirqs);
+  window_.events.back().other.name = "ksoftirqd/1";
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  event(sent + 8 * us, 1, Kind::soft_interrupt, softirqs, 0, "NET_RX");
+  event(sent + 9 * us, 1, Kind::received, softirqs, 0, "to-controller", 1);
+  switched(sent + 12 * us, 1, softirqs, "R", hog);
+  switched(sent + 20 * ms, 1, hog, "S", softirqs);
+  event(sent + 20 * ms + 5 * us, 1, Kind::waking, answers, softirqs, "1");
+  ends_its_softirq(sent + 20 * ms + 10 * us, softirqs);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(word(part), "cpu");
+  EXPECT_EQ(part.thread, "ksoftirqd/1");
+  EXPECT_EQ(part.culprit, "hog");
+}
+
+TEST_P(Evidence, ASoftirqGoesOnWhenItsThreadReturns) {
+  preempted_in_its_softirq(sent + 22 * us, hog);
+  switched(sent + 40 * us, 1, hog, "S", softirqs);
+  ends_its_softirq(sent + 20 * ms, softirqs);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(word(part), "interrupts");
+  EXPECT_EQ(part.culprit, "NET_RX");
+  EXPECT_NEAR(static_cast<double>(part.ns), 20e6, 0.1e6);
 }
 
 TEST_P(Evidence, PendingInterruptsOfAnIdleCpuThatWakesAreNoThrottling) {

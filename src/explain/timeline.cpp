@@ -97,22 +97,35 @@ Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
   find_interrupts();
 }
 
-// Computed once: every stretch of a thread needs it. Nested interrupts count once, as the outermost.
+// Computed once: every stretch of a thread needs it. Nested interrupts count once, as the outermost. With
+// PREEMPT_RT a thread may lose its CPU inside a softirq: that goes on when the thread returns.
 void Timeline::find_interrupts() {
   struct Open {
     int depth = 0;
     Interrupted now{};
   };
-  std::map<int, Open> open;  // by CPU
+  std::map<int, Open> open;                                // by CPU
+  std::map<std::pair<int, std::int32_t>, Open> preempted;  // by CPU and thread
   for (const auto& event : events_) {
-    if (event.at_ns < begin_ns_ || (!begins(event.kind) && !ends(event.kind))) continue;
-    auto& [depth, now] = open[event.cpu];
-    if (begins(event.kind) && depth++ == 0)
-      now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
-             event.kind == Kind::soft_interrupt};
-    if (!ends(event.kind) || depth == 0 || --depth > 0) continue;
-    now.to_ns = event.at_ns;
-    interrupts_[event.cpu].push_back(now);
+    if (event.at_ns < begin_ns_) continue;
+    auto& here = open[event.cpu];
+    const auto close = [&] {
+      here.now.to_ns = event.at_ns;
+      interrupts_[event.cpu].push_back(here.now);
+    };
+    if (event.kind == Kind::switched) {
+      if (here.depth > 0) {
+        close();
+        preempted[{event.cpu, event.thread.id}] = here;
+      }
+      const auto back = preempted.extract({event.cpu, event.other.id});
+      here = back.empty() ? Open{} : back.mapped();
+      here.now.from_ns = event.at_ns;
+    }
+    if (begins(event.kind) && here.depth++ == 0)
+      here.now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
+                  event.kind == Kind::soft_interrupt};
+    if (ends(event.kind) && here.depth > 0 && --here.depth == 0) close();
   }
 }
 

@@ -260,8 +260,13 @@ void Way::taken_in(Delay& found, const End& to, const Event& received, std::int6
     return event.kind == Kind::waking && event.cpu == received.cpu && event.at_ns >= received.at_ns &&
            to.has(event.thread.id);
   });
-  if (woken == events.end() || woken->at_ns > to_ns || (in_softirq && woken->at_ns > softirq.front().to_ns))
+  if (woken == events.end() || woken->at_ns > to_ns) return;
+  if (in_softirq && woken->at_ns > softirq.front().to_ns) {  // a thread preempted it
+    const auto id = received.thread.id;
+    if (is_kernels(timeline.name_of(id)))
+      thread(found, to, id, timeline.name_of(id), Stage::travelled, softirq.front().to_ns, woken->at_ns);
     return;
+  }
   add(found.ran, {.stage = Stage::travelled, .end = to.name, .thread = name, .thread_id = received.thread.id},
       {received.at_ns, woken->at_ns, State::runs, received.cpu});
 }
