@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // What an event proves, and what it does not: no thread is accused without evidence.
-#include <algorithm>
-
 #include "explain_fixture.hpp"
 
 namespace ontime::explain {
@@ -16,10 +14,6 @@ class Evidence : public Explained {
       event(at + us, 2, Kind::timer_end, another);
     }
     in_order();
-  }
-  void in_order() {
-    std::stable_sort(window_.events.begin(), window_.events.end(),
-                     [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; });
   }
   // The hog has the CPU of pong's real-time thread for so long after that thread is woken.
   void waits_with_priority_behind_the_hog(std::int64_t ns) {

@@ -2,6 +2,7 @@
 // A run of which a message is to be explained.
 #pragma once
 
+#include <algorithm>
 #include <map>
 #include <string>
 
@@ -116,6 +117,10 @@ class Explained : public testing::TestWithParam<bool> {
     switched(sent + 12 * us, 1, 0, "R", answers);
     event(sent + 20 * us, 1, Kind::timer, answers);
     event(sent + 21 * us, 1, Kind::timer_end, answers);
+  }
+  void in_order() {
+    std::stable_sort(window_.events.begin(), window_.events.end(),
+                     [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; });
   }
   static std::string advice(const Part& part, const json& asked = {}) {
     record::Run run;

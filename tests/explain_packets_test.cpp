@@ -98,6 +98,35 @@ TEST_P(Packets, ANumberThatAnotherThreadHasOnAnotherInterfaceIsAnotherPacket) {
   EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
 }
 
+// Of a packet that another program gets while the sending thread is interrupted.
+TEST_P(Packets, AForeignPacketThatASoftirqDropsIsNotTheMessages) {
+  event(sent + us, 0, Kind::soft_interrupt, asks, 0, "NET_RX");
+  event(sent + 2 * us, 0, Kind::dropped, asks, 0, "NO_SOCKET", 9);
+  event(sent + 3 * us, 0, Kind::soft_interrupt_end, asks, 0, "NET_RX");
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  in_order();
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::dropped);
+  EXPECT_EQ(part.culprit, "NETFILTER_DROP");
+}
+
+TEST_P(Packets, AForeignPacketThatIsDroppedHidesNoQueue) {
+  event(sent + us, 0, Kind::received, asks, 0, "eth0", 9);
+  event(sent + 2 * us, 0, Kind::dropped, asks, 0, "NO_SOCKET", 9);
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 15 * ms, 0, Kind::sent, 0, 0, "to-component", 1);
+  event(sent + 15 * ms + us, 0, Kind::received, 0, 0, "to-controller", 1);
+  EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::queue);
+}
+
+TEST_P(Packets, APacketThatIsDroppedBeforeItIsQueuedLostTheMessage) {
+  event(sent + us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::dropped);
+  EXPECT_EQ(part.stage, Stage::queued);
+}
+
 // Of messages that take several packets, on a link of a small MTU.
 class Fragments : public Packets {
  protected:

@@ -2,6 +2,7 @@
 #include "explain/packets.hpp"
 
 #include <map>
+#include <set>
 
 namespace ontime::explain {
 
@@ -23,6 +24,7 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns) {
   std::vector<Packet> packets;
   std::map<std::int32_t, std::size_t> open;  // by number, those that are not done with
+  std::set<std::int32_t> foreign;            // numbers of those that came from elsewhere
   for (const auto& event : timeline.events()) {
     if (event.at_ns < from_ns || event.at_ns > to_ns) continue;
     if (event.kind == Kind::queued) {
@@ -35,6 +37,7 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
         }
       }
       open.erase(event.packet);
+      foreign.erase(event.packet);
       if (!is_sender(event.thread.id)) continue;
       if (event.packet != 0) open[event.packet] = packets.size();
       packets.push_back({.queued = &event, .queues = {{.in = &event}}});
@@ -42,7 +45,11 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
     }
     const auto found = open.find(event.packet);
     if (found == open.end()) {
-      if (event.kind == Kind::dropped && is_sender(event.thread.id)) packets.push_back({.dropped = &event});
+      if (event.kind == Kind::received && event.packet != 0) foreign.insert(event.packet);
+      // A softirq that interrupts the sender works on packets of others.
+      if (event.kind == Kind::dropped && is_sender(event.thread.id) && !foreign.contains(event.packet) &&
+          timeline.interrupts(event.cpu, event.at_ns, event.at_ns + 1).empty())
+        packets.push_back({.dropped = &event});
       continue;
     }
     auto& packet = packets[found->second];
