@@ -127,6 +127,55 @@ TEST_P(Packets, APacketThatIsDroppedBeforeItIsQueuedLostTheMessage) {
   EXPECT_EQ(part.stage, Stage::queued);
 }
 
+// Of a middleware that sends a message again if it was lost.
+class Resent : public Packets {
+ protected:
+  static constexpr std::int32_t resends = 12;
+  Resent() {
+    controller_threads_.push_back({{"tid", resends}, {"role", "timer"}});
+    sender_wakes_and_sends();
+  }
+  void again(std::int64_t at, std::int32_t thread, std::int32_t packet) {
+    event(at, 0, Kind::queued, thread, 0, "to-component", packet);
+    event(at + us, 0, Kind::sent, thread, 0, "to-component", packet);
+    event(at + 2 * us, 0, Kind::received, thread, 0, "to-controller", packet);
+  }
+};
+
+TEST_P(Resent, ADroppedPacketThatIsResentIsDropped) {
+  event(sent + 12 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  again(sent + 10 * ms, asks, 2);  // the next message
+  again(sent + 100 * ms, resends, 3);
+  const auto account = this->account(late(0, 100 * ms, 0));
+  const auto part = first(account.messages.at(0));
+  EXPECT_EQ(part.cause, Cause::dropped);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.culprit, "NETFILTER_DROP");
+  EXPECT_EQ(part.ns, 100 * ms - 12 * us);
+  EXPECT_THAT(account.groups.at(0).remedy.advice, HasSubstr("nft"));
+}
+
+TEST_P(Resent, DelayAfterTheResendIsNotOfTheDrop) {
+  event(sent + 12 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  again(sent + 40 * ms, resends, 3);
+  event(sent + 40 * ms + 3 * us, 0, Kind::waking, answers, resends, "1");
+  switched(sent + 100 * ms, 1, hog, "R", answers);
+  const auto parts = message(late(0, 100 * ms, 0)).parts;
+  ASSERT_GE(parts.size(), 2U);
+  EXPECT_EQ(parts[0].cause, Cause::cpu);
+  EXPECT_EQ(parts[0].culprit, "hog");
+  EXPECT_EQ(parts[1].cause, Cause::dropped);
+  EXPECT_EQ(parts[1].ns, 40 * ms - 12 * us);
+}
+
+TEST_P(Resent, ADropWithoutAResendIsUnknown) {
+  event(sent + 12 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  again(sent + 10 * ms, asks, 2);  // the next message
+  EXPECT_EQ(first(message(late(0, 100 * ms, 0))).cause, Cause::unknown);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Resent, testing::Values(true, false), name_of_kernel);
+
 // Of messages that take several packets, on a link of a small MTU.
 class Fragments : public Packets {
  protected:

@@ -197,9 +197,9 @@ class Explainer {
   const Usual usual_;
 };
 
-// A place where messages end.
+// A place where messages end. One that was sent again after a drop was late.
 bool is_of_lost(const Part& part) {
-  return part.cause == Cause::dropped || (part.cause == Cause::unknown && part.ns == 0);
+  return part.ns == 0 && (part.cause == Cause::dropped || part.cause == Cause::unknown);
 }
 
 // Whether the two parts belong into one group: the same cause, thread and culprit.

@@ -33,7 +33,7 @@ struct Part {
   std::vector<std::int32_t> culprit_threads{};  // those of that name
   // The kernel's priorities (trace::Thread), of `thread` and of a culprit that is one.
   std::int32_t priority = 0, culprit_priority = 0;
-  std::int64_t ns = 0;  // of the delay; of a packet that was dropped 0
+  std::int64_t ns = 0;  // of the delay; where a message ended 0
   // Where in time, by the client's clock: what the thread, or the packet, was at. As long as `ns` at least;
   // empty where only the length is known.
   std::vector<Stretch> when{};

@@ -87,14 +87,8 @@ bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
 bool Way::lost_between(Delay& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
                        std::int64_t until_ns) const {
   if (way.dropped != nullptr) {
-    const bool here = way.sent == nullptr || (way.received == nullptr && !one_machine_);
-    found.parts.push_back({.cause = Cause::dropped,
-                           .stage = way.received != nullptr ? Stage::delivered
-                                    : way.sent == nullptr   ? Stage::queued
-                                                            : Stage::travelled,
-                           .end = here ? from.name : to.name,
-                           .culprit = way.dropped->what,
-                           .when = {{way.dropped->at_ns, way.dropped->at_ns, State::unknown, -1}}});
+    found.parts.push_back(drop_of(way, from, to));
+    found.parts.back().when = {{way.dropped->at_ns, way.dropped->at_ns, State::unknown, -1}};
     return true;
   }
   if (way.queued == nullptr) {

@@ -271,9 +271,37 @@ void Way::taken_in(Delay& found, const End& to, const Event& received, std::int6
       {received.at_ns, woken->at_ns, State::runs, received.cpu});
 }
 
+// When a middleware sent a dropped packet again: the last time before `to_ns` that another thread of that end
+// queued as much. The thread that sent it first goes on with the next messages. nullptr: not seen.
+const Event* sent_again(const End& from, const Packet& packet, std::int64_t to_ns) {
+  if (packet.queued == nullptr || packet.dropped == nullptr ||
+      packet.dropped->what.starts_with(freed_with_another))
+    return nullptr;
+  const Event* again = nullptr;
+  for (const auto& event : from.timeline->events())
+    if (event.kind == Kind::queued && event.at_ns > packet.dropped->at_ns && event.at_ns <= to_ns &&
+        event.bytes >= packet.queued->bytes && event.thread.id != packet.queued->thread.id &&
+        from.has(event.thread.id))
+      again = &event;
+  return again;
+}
+
+Part Way::drop_of(const Packet& packet, const End& from, const End& to) const {
+  const bool here = packet.sent == nullptr || (packet.received == nullptr && !one_machine_);
+  return {.cause = Cause::dropped,
+          .stage = packet.received != nullptr ? Stage::delivered
+                   : packet.sent == nullptr   ? Stage::queued
+                                              : Stage::travelled,
+          .end = here ? from.name : to.name,
+          .culprit = packet.dropped->what};
+}
+
 void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
   const auto way = packet(from, to, from_ns, to_ns);
-  if (way.queued == nullptr || way.dropped != nullptr) {
+  // Some drivers free every packet that they have sent as if they dropped it.
+  const bool may_be_freed = way.sent != nullptr && !is_handed_over_;
+  const auto* const again = may_be_freed ? nullptr : sent_again(from, way, to_ns);
+  if (way.queued == nullptr || (way.dropped != nullptr && again == nullptr)) {
     receiver(found, to, from_ns, to_ns);
     // The unknown part belongs to where the packet was last seen: another process or the kernel may have held
     // it.
@@ -282,6 +310,10 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
   }
   const auto known = std::ranges::find(from.threads, way.queued->thread.id, &KnownThread::id);
   thread(found, from, known->id, known->role, Stage::left, from_ns, way.queued->at_ns);
+  if (again != nullptr) {
+    found.add(drop_of(way, from, to), {way.dropped->at_ns, again->at_ns, State::unknown, -1});
+    return leg(found, from, to, again->at_ns, to_ns);
+  }
   if (way.sent == nullptr) {
     receiver(found, to, way.queued->at_ns, to_ns);
     return;
