@@ -217,6 +217,29 @@ TEST_P(Explained, WhereMostAreLateTheDelayIsAboveTheMessagesOnTime) {
   EXPECT_GT(part.ns, 14 * ms);
 }
 
+TEST_P(Explained, LateWithoutServerTimesIsUnknown) {
+  auto sample = late(0, 20 * ms, 0);
+  sample.server_received_ns = sample.server_sent_ns = 0;
+  const auto account = this->account(sample);
+  ASSERT_THAT(account.messages, SizeIs(1));
+  const auto part = first(account.messages[0]);
+  EXPECT_EQ(part.cause, Cause::unknown);
+  EXPECT_EQ(part.ns, 20 * ms);
+  EXPECT_THAT(account.groups, SizeIs(1));
+  EXPECT_THAT(account.limits, testing::ElementsAre(HasSubstr("1 message without the server's times")));
+}
+
+TEST_P(Explained, WithoutServerTimesTheSenderIsStillExplained) {
+  for (auto& one : samples_) one.server_received_ns = one.server_sent_ns = 0;
+  switched(due - ms / 2, 0, asks, "S", 0);
+  sender_wakes_and_sends(3 * ms);
+  auto sample = late(3 * ms, 0, 0);
+  sample.server_received_ns = sample.server_sent_ns = 0;
+  const auto part = first(message(sample));
+  EXPECT_EQ(part.cause, Cause::timer);
+  EXPECT_EQ(part.stage, Stage::woke);
+}
+
 TEST_P(Explained, TheSameCulpritsAreOneGroup) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");

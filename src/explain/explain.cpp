@@ -138,12 +138,15 @@ class Explainer {
     server.timeline = one_machine_ ? client.timeline : there ? &*there : nullptr;
     Way way(std::move(client), std::move(server), usual_, payload_bytes_, one_machine_);
     until_ns = std::min(until_ns, sample.sent_ns + longest_ns);
-    const auto way_of = usual_.of(sample);
-    const bool can_be = std::all_of(way_of.begin(), way_of.end(), [](const Leg& leg) {
+    const auto is_possible = [](const Leg& leg) {
       return -longest_ns <= leg.length_ns() && leg.length_ns() <= longest_ns;
-    });
-    const bool all_times = can_be && sample.fate != Fate::lost && has_server_times(sample);
-    if (all_times) message.parts = way.delays_of(sample);
+    };
+    const auto way_of = usual_.of(sample);
+    const bool can_be =
+        std::all_of(way_of.begin(), has_server_times(sample) ? way_of.end() : way_of.begin() + senders_legs,
+                    is_possible) &&
+        is_possible({sample.sent_ns, sample.received_ns});
+    if (can_be && sample.fate != Fate::lost) message.parts = way.delays_of(sample);
     if (timeout_ns_ > 0) until_ns = std::min(until_ns, sample.sent_ns + timeout_ns_);
     if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);
     for (const auto& part : message.parts) message.delay_ns += part.ns;

@@ -40,11 +40,12 @@ void add_untraced(Lines& limits, const record::Run& run) {
 }
 
 void add_not_looked_at(Lines& limits, const Account& account) {
-  std::uint64_t late = 0, lost = 0, in_part = 0;
+  std::uint64_t late = 0, lost = 0, in_part = 0, without_times = 0;
   for (const auto& message : account.messages) {
     lost += message.sample.fate == Fate::lost ? 1 : 0;
     late += message.is_fault() && message.sample.fate != Fate::lost ? 1 : 0;
     in_part += message.whole ? 0 : 1;
+    without_times += message.sample.fate == Fate::lost || has_server_times(message.sample) ? 0 : 1;
   }
   const auto all_late = account.late + account.late_by_response;
   if (late < all_late || lost < account.lost)
@@ -53,6 +54,10 @@ void add_not_looked_at(Lines& limits, const Account& account) {
   if (in_part > 0)
     limits.push_back(fmt::format("incomplete trace of {} message{}: more events than ontime keeps", in_part,
                                  in_part == 1 ? "" : "s"));
+  if (without_times > 0)
+    limits.push_back(fmt::format(
+        "{} message{} without the server's times: the time from sending to the answer is one part",
+        without_times, without_times == 1 ? "" : "s"));
 }
 
 // With two machines, the trace of one shows nothing about the other.

@@ -11,14 +11,16 @@ using roundtrip::Sample;
 
 Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
     : clocks_(one_clock ? Drift() : Drift(reader, run)) {
-  std::array<statistics::Values, legs> on_time, late;
+  std::array<statistics::Values, legs + 1> on_time, late;
   reader.each_sample(run, [&](const Sample& sample) {
-    if (!has_server_times(sample)) return;
+    if (sample.received_ns == 0) return;
     const auto way = of(sample);
     auto& all = sample.fate == roundtrip::Fate::on_time ? on_time : late;
-    for (std::size_t leg = 0; leg < legs; ++leg) all[leg].add(way[leg].length_ns());
+    const auto known = has_server_times(sample) ? legs : senders_legs;
+    for (std::size_t leg = 0; leg < known; ++leg) all[leg].add(way[leg].length_ns());
+    all[legs].add(sample.received_ns - sample.sent_ns);
   });
-  for (std::size_t leg = 0; leg < legs; ++leg) {
+  for (std::size_t leg = 0; leg <= legs; ++leg) {
     statistics::Ranks all(std::move(on_time[leg].count() == 0 ? late[leg] : on_time[leg]));
     if (all.count() > 0) medians_[leg] = all.at_rank(all.count() / 2 + 1);
   }

@@ -12,7 +12,7 @@
 namespace ontime::explain {
 
 // due → woke → sent → received by the server → answered → received.
-inline constexpr std::size_t legs = 5;
+inline constexpr std::size_t legs = 5, senders_legs = 2;
 struct Leg {
   std::int64_t from_ns, to_ns;
   std::int64_t length_ns() const { return to_ns - from_ns; }
@@ -24,14 +24,15 @@ class Usual {
   // does not count as usual. `one_clock`: both ends have the same clock.
   Usual(const record::Reader&, std::int64_t run, bool one_clock);
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
-  // By the client's clock. The message was answered, and has the server's times.
+  std::int64_t round_trip_ns() const { return medians_[legs]; }
+  // By the client's clock. The message was answered. Without the server's times only the sender's legs count.
   std::array<Leg, legs> of(const roundtrip::Sample&) const;
   // To be added to a time of the server's clock, for a message sent at that time of the client's clock.
   std::int64_t server_later_ns(std::int64_t sent_ns) const { return -clocks_.at(sent_ns).difference_ns; }
   std::int64_t uncertainty_ns(std::int64_t sent_ns) const { return clocks_.at(sent_ns).uncertainty_ns; }
 
  private:
-  std::array<std::int64_t, legs> medians_{};
+  std::array<std::int64_t, legs + 1> medians_{};  // the last: the round trip
   const Drift clocks_;
 };
 

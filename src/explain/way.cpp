@@ -366,7 +366,8 @@ void Way::rest(Delay& found, std::size_t leg, const Leg& times) const {
 std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
   std::vector<Part> all;
   const auto way = usual_.of(sample);
-  for (std::size_t number = 0; number < legs; ++number) {
+  const bool has_times = has_server_times(sample);
+  for (std::size_t number = 0; number < (has_times ? legs : senders_legs); ++number) {
     const auto [from_ns, to_ns] = way[number];
     Delay found;
     constexpr Stage stages[] = {Stage::woke, Stage::sent, Stage::delivered, Stage::answered,
@@ -383,6 +384,12 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
     }
     rest(found, number, way[number]);
     all.insert(all.end(), found.parts.begin(), found.parts.end());
+  }
+  if (!has_times) {
+    Delay both_legs;
+    both_legs.add({.cause = Cause::unknown, .stage = Stage::delivered, .end = client_.name},
+                  sample.received_ns - sample.sent_ns - usual_.round_trip_ns(), {});
+    all.insert(all.end(), both_legs.parts.begin(), both_legs.parts.end());
   }
   std::ranges::stable_sort(all, std::ranges::greater(), &Part::ns);
   return all;

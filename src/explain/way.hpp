@@ -46,7 +46,8 @@ class Way {
   // `one_machine`: both ends have one timeline.
   Way(End client, End server, const Usual&, std::int64_t payload_bytes, bool one_machine);
 
-  // The delay above the usual duration, by cause, the largest first.
+  // The delay above the usual duration, by cause, the largest first. Without the server's times both legs are
+  // one unknown part.
   std::vector<Part> delays_of(const roundtrip::Sample&);
   // Where a lost message ended, as far as the trace shows it.
   std::vector<Part> loss_of(const roundtrip::Sample&, std::int64_t until_ns);
