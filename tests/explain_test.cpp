@@ -70,6 +70,46 @@ TEST_P(Explained, StoppedThreadIsStopped) {
   EXPECT_EQ(part.culprit, "hog");
 }
 
+TEST_P(Explained, OnlyTheSignalThatStoppedTheThreadNamesItsSender) {
+  constexpr std::int32_t bash = 66, vim = 67;
+  const auto culprit = [&](std::initializer_list<std::pair<std::int64_t, std::int32_t>> signals) {
+    window_.events.clear();
+    switched(due - 700 * us, 1, answers, "T", 0);
+    for (const auto& [at, to] : signals)
+      event(at, 2, Kind::signal, to, to == vim ? bash : hog, to == vim ? "20" : "19");
+    switched(due - 600 * us, 1, hog, "S", 0);
+    sender_wakes_and_sends();
+    event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
+    switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+    in_order();
+    const auto part = first(message(late(0, 30 * ms, 0)));
+    samples_.erase(samples_.begin() + 50);
+    EXPECT_EQ(part.cause, Cause::stopped);
+    return part.culprit;
+  };
+  EXPECT_EQ(culprit({{due - 800 * us, answers}}), "hog");
+  EXPECT_EQ(culprit({{due - 800 * us, answers}, {sent + ms, vim}}), "hog");
+  EXPECT_EQ(culprit({{due - 800 * us, answers}, {due - 750 * us, vim}}), "hog");
+  EXPECT_EQ(culprit({{due - 900 * us, vim}, {due - 800 * us, answers}}), "hog");
+  EXPECT_EQ(culprit({{sent + ms, vim}}), "");
+  EXPECT_EQ(culprit({{due - 800 * us, vim}}), "");
+  EXPECT_EQ(culprit({{sent + ms, answers}}), "") << "after it had stopped";
+}
+
+TEST_P(Explained, SignalToItsProcessStopsTheThread) {
+  constexpr std::int32_t main = 68;
+  event(due - 900 * us, 1, Kind::signal, main, hog, "19");
+  event(due - 850 * us, 2, Kind::waking, answers, main, "1");
+  switched(due - 840 * us, 1, 0, "R", answers);
+  switched(due - 700 * us, 1, answers, "T", 0);
+  sender_wakes_and_sends();
+  event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
+  switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+  const auto part = first(message(late(0, 30 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::stopped);
+  EXPECT_EQ(part.culprit, "hog");
+}
+
 TEST_P(Explained, AThreadThatIsBusyWithBackgroundIsToldApartFromOneThatIsNot) {
   has_the_message();
   switched(sent + 16 * ms, 1, answers, "S", 0);

@@ -2,6 +2,7 @@
 #include "explain/threads.hpp"
 
 #include <algorithm>
+#include <map>
 #include <optional>
 
 namespace ontime::explain {
@@ -33,13 +34,23 @@ bool is_outranked(const Held& held, std::int32_t priority) {
          priority < held.thread.priority;
 }
 
-// The kernel names one of the threads of the process that sent the signal.
-std::string stopper_of(const Timeline& timeline, std::int64_t before_ns) {
+// Who sent the signal that stopped the thread: to itself, or to a thread of its process, which then wakes the
+// others to stop. The kernel names one of the threads of the process that sent it. "": not seen.
+std::string stopper_of(const Timeline& timeline, std::int32_t thread, std::int64_t before_ns) {
+  std::map<std::int32_t, std::int32_t> senders;  // by the thread that is to stop
   std::string stopper;
-  for (const auto& event : timeline.events())
-    if (event.kind == Kind::signal && event.at_ns <= before_ns &&
-        (event.what == sigstop || event.what == sigtstp))
-      stopper = timeline.name_of(event.other.id);
+  for (const auto& event : timeline.events()) {
+    if (event.at_ns > before_ns) break;
+    if (event.kind == Kind::signal && (event.what == sigstop || event.what == sigtstp))
+      senders[event.thread.id] = event.other.id;
+    if (event.thread.id != thread) continue;
+    if (const auto to = senders.find(event.other.id); event.kind == Kind::waking && to != senders.end())
+      senders[thread] = to->second;
+    if (event.kind == Kind::switched && event.what == "T") {
+      const auto by = senders.extract(thread);
+      stopper = by.empty() ? "" : timeline.name_of(by.mapped());
+    }
+  }
   return stopper;
 }
 
@@ -71,7 +82,7 @@ class Follower {
           ran(stretch);
           break;
         case State::stopped:
-          add(Cause::stopped, stretch, stopper_of(timeline_, stretch.to_ns));
+          add(Cause::stopped, stretch, stopper_of(timeline_, whose_.thread_id, stretch.to_ns));
           break;
         case State::traced:
           add_woken(Cause::traced, stretch, timeline_.waker_of(whose_.thread_id, stretch.to_ns));
