@@ -13,7 +13,8 @@ class Remedies : public Explained {
             .end = "component",
             .thread = "receive",
             .culprit = culprit,
-            .priority = priority};
+            .priority = priority,
+            .culprit_priority = ordinary};
   }
   static std::vector<Setting> settings(const Part& part, const json& asked = {}) {
     record::Run run;
@@ -31,6 +32,30 @@ TEST_F(Remedies, ARealTimeThreadBehindAMoreUrgentOneGetsAPriorityOrACpu) {
   EXPECT_THAT(settings(receiver(Cause::cpu, fifo_80, "hog")),
               testing::ElementsAre(Setting{"realtime.receive.priority", "above the priority of hog"},
                                    Setting{"realtime.receive.cpus", "other CPUs than those of hog"}));
+}
+
+// The kernel's own thread has the highest priority of SCHED_FIFO, and those of SCHED_DEADLINE come before.
+TEST_F(Remedies, NoPriorityIsAboveTheHighest) {
+  for (const auto highest : {0, -1}) {
+    auto part = receiver(Cause::cpu, fifo_80, "migration/1");
+    part.culprit_priority = highest;
+    const auto other_cpus =
+        testing::ElementsAre(Setting{"realtime.receive.cpus", "other CPUs than those of migration/1"});
+    EXPECT_THAT(settings(part), other_cpus);
+    part.priority = ordinary;
+    EXPECT_THAT(settings(part), other_cpus) << "nor is any real-time thread above it";
+  }
+}
+
+TEST_F(Remedies, NoKernelThreadGetsAPriorityAboveTheHighest) {
+  auto part = receiver(Cause::cpu, ordinary, "migration/1");
+  part.stage = Stage::travelled;
+  part.culprit_priority = 0;
+  part.thread = "napi/eth1-1";
+  EXPECT_THAT(settings(part),
+              testing::ElementsAre(Setting{"kernel.napi-cpus", "other CPUs than those of migration/1"}));
+  part.thread = "ksoftirqd/1";
+  EXPECT_THAT(settings(part), IsEmpty());
 }
 
 TEST_F(Remedies, RealtimeOnButDeniedIsReportedAsDenied) {

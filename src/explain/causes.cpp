@@ -155,12 +155,17 @@ std::string filled(const std::string& text, const Part& part) { return filled(te
 
 bool is_real_time(const Part& part) { return part.priority < trace::least_ordinary; }
 
+// No priority is above the highest of SCHED_FIFO, which the kernel's own threads have, or above
+// SCHED_DEADLINE.
+bool can_be_outranked(const Part& part) { return part.culprit_priority > 0; }
+
 // Whether this setting changes anything for this thread.
 bool can_help(const std::string& key, const Part& part) {
   if (!part.via.empty()) return false;  // no scenario setting applies to the thread that was waited for
-  if (key == "realtime") return !is_real_time(part);
-  if (key == "realtime.{2}.priority" || key == "realtime.{2}.cpus" || key == "kernel.rt-throttling")
-    return is_real_time(part);
+  if (key == "realtime") return !is_real_time(part) && can_be_outranked(part);
+  if (key == "realtime.{2}.priority") return is_real_time(part) && can_be_outranked(part);
+  if (key == "realtime.{2}.cpus") return is_real_time(part) || !can_be_outranked(part);
+  if (key == "kernel.rt-throttling") return is_real_time(part);
   if (key == "kernel.irq-cpus")
     return part.culprit != timer_interrupt && !is_of(softirqs_of_others, part.culprit);
   return true;
@@ -168,12 +173,15 @@ bool can_help(const std::string& key, const Part& part) {
 
 // Kernel threads have their own keys.
 Remedy of_kernel_thread(const Part& part) {
-  const auto above = filled("above the priority of {1}", part);
-  if (part.thread.starts_with("napi/"))
-    return {
-        {{"kernel.napi-threads", above}, {"kernel.napi-cpus", filled("other CPUs than those of {1}", part)}},
-        ""};
-  return {{{part.thread.starts_with("irq/") ? "kernel.irq-threads" : "kernel.ksoftirqd", above}}, ""};
+  const bool of_napi = part.thread.starts_with("napi/");
+  Remedy remedy;
+  if (can_be_outranked(part))
+    remedy.settings.push_back({of_napi                           ? "kernel.napi-threads"
+                               : part.thread.starts_with("irq/") ? "kernel.irq-threads"
+                                                                 : "kernel.ksoftirqd",
+                               filled("above the priority of {1}", part)});
+  if (of_napi) remedy.settings.push_back({"kernel.napi-cpus", filled("other CPUs than those of {1}", part)});
+  return remedy;
 }
 
 // Whether the callbacks of its background topics run on the thread that receives its messages.
@@ -267,7 +275,7 @@ std::string advice_on_asked_faults(const Part& part, const conditions::Faults& f
 }
 
 std::string advice_for(const Part& part) {
-  if (!part.via.empty() && part.cause == Cause::cpu)
+  if (!part.via.empty() && part.cause == Cause::cpu && can_be_outranked(part))
     return "a mutex with priority inheritance (PTHREAD_PRIO_INHERIT), or a higher priority for " + part.via;
   if (part.cause == Cause::interrupts && part.culprit == timer_interrupt)
     return "no setting moves a CPU's timer interrupt; if it takes milliseconds, a hypervisor paused the CPU";
