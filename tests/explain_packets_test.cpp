@@ -127,6 +127,67 @@ TEST_P(Packets, APacketThatIsDroppedBeforeItIsQueuedLostTheMessage) {
   EXPECT_EQ(part.stage, Stage::queued);
 }
 
+// Of a message that is lost because it was on its way for too long.
+class Held : public Packets {
+ protected:
+  Held() {
+    timeout_us_ = 100'000;
+    switched(due - ms / 2, 1, hog, "S", 0);
+    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us, 0, 0, "R", asks);
+  }
+  void request_comes(std::int64_t after) {
+    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+    event(sent + after + 6 * us, 0, Kind::sent, 0, 0, "to-component", 1);
+    event(sent + after + 9 * us, 0, Kind::received, 0, 0, "to-controller", 1);
+    event(sent + after + 10 * us, 0, Kind::waking, answers, 0, "1");
+    switched(sent + after + 12 * us, 1, 0, "R", answers);
+    event(sent + after + 50 * us, 1, Kind::queued, answers, 0, "to-controller", 2);
+    switched(sent + after + 60 * us, 1, answers, "S", 0);
+  }
+};
+
+TEST_P(Held, AnAnswerThatNeverLeftItsQueueIsHeldThere) {
+  request_comes(60 * ms);
+  const auto parts = message(lost()).parts;
+  ASSERT_THAT(parts, SizeIs(2));
+  EXPECT_EQ(parts[0].cause, Cause::queue);
+  EXPECT_EQ(parts[0].end, "controller");
+  EXPECT_EQ(parts[0].ns, 60 * ms + us);
+  EXPECT_EQ(parts[1].cause, Cause::queue);
+  EXPECT_EQ(parts[1].end, "component");
+  EXPECT_EQ(parts[1].culprit, "to-controller");
+  EXPECT_EQ(parts[1].ns, 40 * ms - 50 * us);
+}
+
+TEST_P(Held, AQueueBeforeAnAnswerThatVanishedDidNotLoseIt) {
+  request_comes(60 * ms);
+  event(sent + 60 * ms + 55 * us, 1, Kind::sent, answers, 0, "to-controller", 2);
+  in_order();
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+TEST_P(Held, AQueueBeforeAReaderThatStillWaitsForACpuCounts) {
+  window_.events.clear();
+  switched(due - ms / 2, 1, 0, "R", hog);
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 60 * ms, 0, Kind::sent, 0, 0, "to-component", 1);
+  event(sent + 60 * ms + us, 0, Kind::received, 0, 0, "to-controller", 1);
+  event(sent + 60 * ms + 2 * us, 0, Kind::waking, answers, 0, "1");
+  for (auto at = 62 * ms; at < 150 * ms; at += 4 * ms) {
+    event(sent + at, 1, Kind::timer, hog);
+    event(sent + at + us, 1, Kind::timer_end, hog);
+  }
+  switched(sent + 150 * ms, 1, hog, "S", answers);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.culprit, "to-component");
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Held, testing::Values(true, false), name_of_kernel);
+
 // Of a middleware that sends a message again if it was lost.
 class Resent : public Packets {
  protected:

@@ -159,10 +159,21 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
     else
       not_taken_in(found, server_, there, until_ns);
   }
-  // A short delay did not lose it; and a sleeping thread may wait for the next message.
+  // What held it up earlier counts if it was still held at the end.
+  const auto lasts = [&](const Part& part) {
+    return part.cause != Cause::waited &&
+           std::ranges::any_of(part.when, [&](const Stretch& one) { return one.to_ns == until_ns; });
+  };
+  if (there.queued != nullptr && std::ranges::any_of(found.parts, lasts)) {
+    passage(found, client_, server_, there, sample.sent_ns);
+    if (back.queued != nullptr) receiver(found, server_, there.received->at_ns, back.queued->at_ns);
+  }
+  // A short delay did not lose it, unless its packet ended there; and a sleeping thread may wait for the next
+  // message.
   std::erase_if(found.parts, [&](const Part& part) {
-    return part.cause == Cause::waited || (part.cause != Cause::dropped && part.cause != Cause::unreachable &&
-                                           part.ns < (until_ns - sample.sent_ns) / 2);
+    const bool has_ended = part.cause == Cause::dropped || part.cause == Cause::unreachable ||
+                           (part.cause == Cause::queue && lasts(part));
+    return part.cause == Cause::waited || (!has_ended && part.ns < (until_ns - sample.sent_ns) / 2);
   });
   if (found.parts.empty()) {
     const auto sent_ns = there.received != nullptr ? there.received->at_ns : sample.sent_ns;

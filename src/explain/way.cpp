@@ -296,6 +296,17 @@ Part Way::drop_of(const Packet& packet, const End& from, const End& to) const {
           .culprit = packet.dropped->what};
 }
 
+// From when the sender's thread has the message until the packet is received, as far as it came.
+void Way::passage(Delay& found, const End& from, const End& to, const Packet& way,
+                  std::int64_t from_ns) const {
+  const auto known = std::ranges::find(from.threads, way.queued->thread.id, &KnownThread::id);
+  thread(found, from, known->id, known->role, Stage::left, from_ns, way.queued->at_ns);
+  if (way.sent == nullptr) return;
+  held_in_queue(found, from, way, way.sent->at_ns);
+  if (way.received != nullptr)
+    brought(found, to, way.received->thread.id, way.sent->at_ns, way.received->at_ns);
+}
+
 void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
   const auto way = packet(from, to, from_ns, to_ns);
   // Some drivers free every packet that they have sent as if they dropped it.
@@ -308,24 +319,16 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
     if (from.timeline != nullptr) found.last = {.stage = Stage::left, .end = from.name};
     return;
   }
-  const auto known = std::ranges::find(from.threads, way.queued->thread.id, &KnownThread::id);
-  thread(found, from, known->id, known->role, Stage::left, from_ns, way.queued->at_ns);
+  passage(found, from, to, way, from_ns);
   if (again != nullptr) {
     found.add(drop_of(way, from, to), {way.dropped->at_ns, again->at_ns, State::unknown, -1});
     return leg(found, from, to, again->at_ns, to_ns);
   }
-  if (way.sent == nullptr) {
-    receiver(found, to, way.queued->at_ns, to_ns);
-    return;
-  }
-  held_in_queue(found, from, way, way.sent->at_ns);
-  if (way.received == nullptr) {
-    receiver(found, to, way.sent->at_ns, to_ns);
-    return;
-  }
-  brought(found, to, way.received->thread.id, way.sent->at_ns, way.received->at_ns);
-  taken_in(found, to, *way.received, to_ns);
-  receiver(found, to, way.received->at_ns, to_ns);
+  if (way.received != nullptr) taken_in(found, to, *way.received, to_ns);
+  const auto* const last = way.received != nullptr ? way.received
+                           : way.sent != nullptr   ? way.sent
+                                                   : way.queued;
+  receiver(found, to, last->at_ns, to_ns);
 }
 
 // Whether the kernel asked for the neighbour's address (ARP).

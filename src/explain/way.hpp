@@ -60,6 +60,7 @@ class Way {
   void brought(Delay&, const End& to, std::int32_t id, std::int64_t from_ns, std::int64_t to_ns) const;
   void taken_in(Delay&, const End& to, const trace::Event& received, std::int64_t to_ns) const;
   Part drop_of(const Packet&, const End& from, const End& to) const;
+  void passage(Delay&, const End& from, const End& to, const Packet&, std::int64_t from_ns) const;
   void leg(Delay&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns,
                                 std::int64_t most_felt_ns) const;
