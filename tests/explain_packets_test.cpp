@@ -127,6 +127,62 @@ TEST_P(Packets, APacketThatIsDroppedBeforeItIsQueuedLostTheMessage) {
   EXPECT_EQ(part.stage, Stage::queued);
 }
 
+// Of a link that delays every request by 50 ms.
+class SlowLink : public Packets {
+ protected:
+  static constexpr std::int64_t delay = 50 * ms;
+  SlowLink() {
+    for (auto& sample : samples_) comes_later(sample);
+    switched(due - ms / 2, 1, 0, "R", hog);
+    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us, 0, 0, "R", asks);
+  }
+  static void comes_later(Sample& sample) {
+    for (auto* at : {&sample.server_received_ns, &sample.server_sent_ns, &sample.received_ns}) *at += delay;
+  }
+  void request_comes(std::int64_t after) {
+    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+    event(sent + after + 6 * us, 0, Kind::sent, 0, 0, "to-component", 1);
+    event(sent + after + 9 * us, 0, Kind::received, 0, 0, "to-controller", 1);
+    event(sent + after + 10 * us, 0, Kind::waking, answers, 0, "1");
+  }
+  Sample later(std::int64_t ns) {
+    auto sample = late(0, ns, 0);
+    comes_later(sample);
+    return sample;
+  }
+};
+
+TEST_P(SlowLink, AQueueThatHoldsEveryMessageIsNoDelay) {
+  request_comes(delay);
+  switched(sent + delay + 30 * ms, 1, hog, "S", answers);
+  const auto message = this->message(later(30 * ms));
+  const auto part = first(message);
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_NEAR(static_cast<double>(message.delay_ns), 30e6, 10e3);
+}
+
+TEST_P(SlowLink, OnlyTheTimeAboveTheUsualIsOfTheQueue) {
+  request_comes(delay + 30 * ms);
+  switched(sent + delay + 30 * ms + 12 * us, 1, hog, "S", answers);
+  const auto message = this->message(later(30 * ms));
+  const auto part = first(message);
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_NEAR(static_cast<double>(message.delay_ns), 30e6, 10e3);
+}
+
+TEST_P(SlowLink, WhereNoMessageIsOnTimeTheQueueIsTheDelay) {
+  for (auto& sample : samples_) sample.fate = Fate::late;
+  request_comes(delay);
+  switched(sent + delay + 12 * us, 1, hog, "S", answers);
+  const auto part = first(message(later(0)));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.ns, delay + us);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, SlowLink, testing::Values(true, false), name_of_kernel);
+
 // Of a message that is lost because it was on its way for too long.
 class Held : public Packets {
  protected:

@@ -52,6 +52,14 @@ TEST(RenderExplained, RunThatFailedSaysSo) {
   EXPECT_THAT(render_explained({one, one}, Format::table), HasSubstr("failed: no permission"));
 }
 
+TEST(RenderExplained, AMessageSaysForHowLongItWasDelayed) {
+  explain::Message message{.sample = {}, .delay_ns = 30 * ms};
+  message.sample.index = 20;
+  message.sample.fate = Fate::lost;
+  EXPECT_THAT(render_explained(Explained(), message, Format::table),
+              HasSubstr("message 20 (lost): delayed by 30.0 ms\n"));
+}
+
 TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   Explained one;
   one.account.traced = true;

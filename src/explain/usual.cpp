@@ -20,6 +20,7 @@ Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
     for (std::size_t leg = 0; leg < known; ++leg) all[leg].add(way[leg].length_ns());
     all[legs].add(sample.received_ns - sample.sent_ns);
   });
+  is_of_on_time_ = on_time[senders_legs].count() > 0;
   for (std::size_t leg = 0; leg <= legs; ++leg) {
     statistics::Ranks all(std::move(on_time[leg].count() == 0 ? late[leg] : on_time[leg]));
     if (all.count() > 0) medians_[leg] = all.at_rank(all.count() / 2 + 1);

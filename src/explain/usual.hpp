@@ -24,6 +24,7 @@ class Usual {
   // does not count as usual. `one_clock`: both ends have the same clock.
   Usual(const record::Reader&, std::int64_t run, bool one_clock);
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
+  bool is_of_on_time() const { return is_of_on_time_; }
   std::int64_t round_trip_ns() const { return medians_[legs]; }
   // By the client's clock. The message was answered. Without the server's times only the sender's legs count.
   std::array<Leg, legs> of(const roundtrip::Sample&) const;
@@ -33,6 +34,7 @@ class Usual {
 
  private:
   std::array<std::int64_t, legs + 1> medians_{};  // the last: the round trip
+  bool is_of_on_time_ = false;
   const Drift clocks_;
 };
 

@@ -340,8 +340,22 @@ bool is_sought_by(const End& from, const Leg& times) {
   });
 }
 
+// Takes that time off the queues: where a link delays every message, its queue makes none late.
+void leave_out_of_queues(Delay& found, std::int64_t usual_ns) {
+  for (auto& part : found.parts) {
+    if (part.cause != Cause::queue) continue;
+    const auto ns = std::clamp<std::int64_t>(usual_ns, 0, part.ns);
+    part.ns -= ns;
+    usual_ns -= ns;
+    found.held_ns -= ns;
+  }
+  std::erase_if(found.parts, [](const Part& part) { return part.ns == 0; });
+}
+
 // The part above the usual duration that no state of a thread or packet explains: the largest first.
 void Way::rest(Delay& found, std::size_t leg, const Leg& times) const {
+  if (usual_.is_of_on_time())
+    leave_out_of_queues(found, usual_.leg_ns(leg) + found.held_ns - times.length_ns());
   auto left_ns = times.length_ns() - found.held_ns - usual_.leg_ns(leg);
   const auto take = [&](Part part, Cause cause, std::int64_t most_ns, const std::vector<Stretch>& when) {
     const auto ns = std::min(left_ns, most_ns);

@@ -177,10 +177,9 @@ std::string text_of(const Explained& one, const Marks& marks) {
 }
 
 std::string text_of(const Explained& one, const Message& message, const Marks& marks) {
-  auto text = fmt::format(
-      "{0}{1}, message {2} ({3}){4}{0}\n", marks.heading, name_of(one), message.sample.index,
-      word_of(message),
-      message.delay_ns == 0 ? "" : fmt::format(": {} more than usual", span_of(message.delay_ns)));
+  auto text =
+      fmt::format("{0}{1}, message {2} ({3}){4}{0}\n", marks.heading, name_of(one), message.sample.index,
+                  word_of(message), message.delay_ns == 0 ? "" : ": delayed by " + span_of(message.delay_ns));
   if (*marks.heading != '\0') text += "\n";
   for (const auto& part : message.parts) {
     text += fmt::format("{}{:>8}  {:<9}  {}\n", marks.item, part.ns == 0 ? "" : span_of(part.ns),
