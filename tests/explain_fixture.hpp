@@ -106,9 +106,9 @@ class Explained : public testing::TestWithParam<bool> {
   void sender_wakes_and_sends(std::int64_t by = 0) {
     event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
     switched(due + 8 * us + by, 0, 0, "R", asks);
-    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "to-component", 1);
-    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "to-component", 1);
-    event(sent + 9 * us + by, 0, Kind::received, asks, 0, "to-controller", 1);
+    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, interface_of_controller_, 1);
+    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, interface_of_controller_, 1);
+    event(sent + 9 * us + by, 0, Kind::received, asks, 0, interface_of_component_, 1);
   }
   void has_the_message() {
     switched(due - ms / 2, 1, hog, "S", 0);
@@ -143,17 +143,18 @@ class Explained : public testing::TestWithParam<bool> {
     writer.append(run, samples_);
     writer.trace(run, {"controller", window_});
     const json machine = {{"boot_id", "b"}};
-    writer.end_run(run, {{"trace", traced},
-                         {"hosts",
-                          {{"controller",
-                            {{"machine", machine},
-                             {"threads", controller_threads_},
-                             {"link", {{"interface", "to-component"}, {"down", down_["controller"]}}}}},
-                           {"component",
-                            {{"machine", machine},
-                             {"transport", component_transport_},
-                             {"threads", component_threads_},
-                             {"link", {{"interface", "to-controller"}, {"down", down_["component"]}}}}}}}});
+    writer.end_run(
+        run, {{"trace", traced},
+              {"hosts",
+               {{"controller",
+                 {{"machine", machine},
+                  {"threads", controller_threads_},
+                  {"link", {{"interface", interface_of_controller_}, {"down", down_["controller"]}}}}},
+                {"component",
+                 {{"machine", machine},
+                  {"transport", component_transport_},
+                  {"threads", component_threads_},
+                  {"link", {{"interface", interface_of_component_}, {"down", down_["component"]}}}}}}}});
     const auto reader = writer.reader();
     return account_of(reader, reader.runs().at(0));
   }
@@ -171,6 +172,7 @@ class Explained : public testing::TestWithParam<bool> {
 
   trace::Window window_;
   std::vector<Sample> samples_;
+  std::string interface_of_controller_ = "to-component", interface_of_component_ = "to-controller";
   std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
   json asked_ = json::object();  // besides

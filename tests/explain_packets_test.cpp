@@ -34,6 +34,19 @@ TEST_P(Packets, ANumberOfAPacketIsGivenToTheNext) {
   EXPECT_EQ(packets[1].sent, nullptr);
 }
 
+TEST_P(Packets, OverLoopbackThePacketOfAnotherIsNotTheMessages) {
+  interface_of_controller_ = interface_of_component_ = "lo";
+  switched(due - ms / 2, 1, answers, "S", hog);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  for (const auto kind : {Kind::queued, Kind::sent, Kind::received})
+    event(sent + 19 * ms, 1, kind, hog, 0, "lo", 2);
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_GT(part.ns, 19 * ms);
+}
+
 TEST_P(Packets, APacketThatABridgeHandsOnIsOne) {
   event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
   event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);

@@ -320,7 +320,7 @@ TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
                     one.at("to").get<std::string>());
   EXPECT_THAT(found,
               ::testing::ElementsAre("component refused fifo 80: -, EPERM",
-                                     "controller load_running: true, false", "kernel irq-threads: -, 90",
+                                     "controller load_running: -, false", "kernel irq-threads: -, 90",
                                      "link loss: -, 0.1", "link_unproved: -, it is not proved",
                                      "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
   EXPECT_THAT(render(compare(a, b), {}, Format::table),

@@ -45,8 +45,8 @@ bool End::has(std::int32_t thread) const {
   return std::ranges::find(threads, thread, &KnownThread::id) != threads.end();
 }
 
-// Whether packets keep their number from one end's interface to the other's, as between two network
-// namespaces; over a wire they do not.
+// Whether packets keep their number from one end's interface to the other's, as over loopback and between two
+// network namespaces; over a wire they do not.
 bool hands_packets_over(const End& one, const End& other) {
   if (one.timeline == nullptr || one.timeline->events().empty()) return false;
   const auto any_thread = [](std::int32_t) { return true; };
@@ -58,7 +58,7 @@ bool hands_packets_over(const End& one, const End& other) {
   return std::any_of(packets.begin(), packets.end(), [&](const Packet& packet) {
     const auto goes = [&](const End& from, const End& to) {
       return is_of(from.interface, *packet.queues.back().in) && is_of(to.interface, *packet.received) &&
-             packet.queues.back().in->what != packet.received->what;
+             (packet.received->what == "lo" || packet.queues.back().in->what != packet.received->what);
     };
     return packet.received != nullptr && !packet.queues.empty() && (goes(one, other) || goes(other, one));
   });
