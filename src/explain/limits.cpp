@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 namespace ontime::explain {
 namespace {
@@ -48,9 +49,11 @@ void add_not_looked_at(Lines& limits, const Account& account) {
     without_times += message.sample.fate == Fate::lost || has_server_times(message.sample) ? 0 : 1;
   }
   const auto all_late = account.late + account.late_by_response;
-  if (late < all_late || lost < account.lost)
-    limits.push_back(fmt::format("examined: the worst {} of {} late and the first {} of {} lost messages",
-                                 late, all_late, lost, account.lost));
+  Lines examined;
+  if (late < all_late) examined.push_back(fmt::format("the worst {} of {} late messages", late, all_late));
+  if (lost < account.lost)
+    examined.push_back(fmt::format("the first {} of {} lost messages", lost, account.lost));
+  if (!examined.empty()) limits.push_back(fmt::format("examined: {}", fmt::join(examined, " and ")));
   if (in_part > 0)
     limits.push_back(fmt::format("incomplete trace of {} message{}: more events than ontime keeps", in_part,
                                  in_part == 1 ? "" : "s"));

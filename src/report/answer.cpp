@@ -272,8 +272,15 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   if (const auto time = common("duration_s", "duration", &Client::duration, duration); !time.empty())
     parts.push_back(time + " a run");
   common("deadline_us", "deadline", &Client::deadline, duration);
-  if (!unseen.empty()) parts.push_back(join(unseen, ", ") + (unseen.size() == 1 ? " differs" : " differ"));
-  return join(parts, ", ");
+  std::vector<std::string> texts;
+  if (!parts.empty()) texts.push_back(join(parts, ", "));
+  if (unseen.size() == 1) texts.push_back(unseen.front() + " differs");
+  if (unseen.size() > 1) {
+    const auto last = unseen.back();
+    unseen.pop_back();
+    texts.push_back(join(unseen, ", ") + " and " + last + " differ");
+  }
+  return join(texts, "; ");
 }
 
 }  // namespace

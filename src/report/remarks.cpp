@@ -354,9 +354,8 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
 }
 
 void gather_requirements(std::vector<SharedRemark>& remarks, const std::vector<std::string>& names) {
-  for (const auto& [requirement, most, what] :
-       {std::tuple(Remark::Requirement::missed, 2, "missed requirements"),
-        {Remark::Requirement::open, 1, "open requirements"}}) {
+  for (const auto& [requirement, most, what] : {std::tuple(Remark::Requirement::open, 1, "open requirements"),
+                                                {Remark::Requirement::missed, 2, "missed requirements"}}) {
     std::set<std::size_t> runs;
     std::vector<SharedRemark> told;
     for (const auto& remark : remarks)
