@@ -196,7 +196,8 @@ TEST_F(Settings, ChangedByAnotherAreLeft) {
   victim.kill_9();
   write_file(one_, "ondemand");
   EXPECT_THAT(revert_abandoned(settings),
-              ElementsAre(StartsWith("removed"), AllOf(StartsWith("left"), HasSubstr(one_))));
+              ElementsAre(StartsWith("removed"), AllOf(StartsWith("left"), HasSubstr(one_),
+                                                       HasSubstr("before that it was powersave"))));
   EXPECT_EQ(read_file(one_), "ondemand");
 }
 
