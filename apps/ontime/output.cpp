@@ -2,6 +2,7 @@
 #include "output.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
 #include <cstdlib>
 #include <filesystem>
@@ -11,6 +12,7 @@
 #include <system_error>
 #include <utility>
 
+#include <boost/algorithm/string/case_conv.hpp>
 #include <boost/algorithm/string/replace.hpp>
 #include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
@@ -143,12 +145,14 @@ bool can_replace(const std::string& path, Kind kind) {
     case Kind::text:
       break;
   }
-  const auto ending = fs::path(path).extension();
-  return !is_results(path) && (ending == ".txt" || ending == ".md" || ending == ".log");
+  // What a text is cannot be read from it.
+  constexpr std::array endings = {".txt", ".text", ".md", ".markdown", ".rst", ".log", ".out"};
+  const auto ending = boost::algorithm::to_lower_copy(fs::path(path).extension().string());
+  return std::ranges::find(endings, ending) != endings.end() && !is_results(path) && !begins({"#!"});
 }
 
 Output::Output(std::string path, Kind kind) : path_(std::move(path)) {
-  constexpr const char* names[] = {"a text file (.txt, .md or .log)",
+  constexpr const char* names[] = {"a text file (.txt, .md, .rst, .log or .out)",
                                    "JSON",
                                    "a CSV file of ontime",
                                    "a LaTeX table",

@@ -27,7 +27,8 @@ std::string transports_here() {
   return names.empty() ? "no transport is installed" : fmt::format("installed: {}", fmt::join(names, ", "));
 }
 
-// The command as it was given, with the transport that needs least; "" without any.
+// The command as it was given, with the transport that needs least, and to a component of its own if it names
+// no other; "" without any transport.
 std::string with_a_transport() {
   const auto here = transport::available();
   if (here.empty()) return "";
@@ -36,6 +37,11 @@ std::string with_a_transport() {
   const bool is_shipped = shipped != std::end(transport::all_shipped);
   auto words = process::command_line();
   words.insert(words.end(), {"--transport", is_shipped ? std::string(shipped->name) : here.front()});
+  const auto states = [&](std::string_view flag) {
+    return std::ranges::any_of(words, [&](const auto& word) { return word.starts_with(flag); });
+  };
+  if (words[1] == "ping" && !states("--peer") && !states("--interface") && !states("--loopback"))
+    words.emplace_back("--loopback");
   const auto line = table::line_to_paste(words);
   return line ? ". Fix: " + *line : "";
 }

@@ -68,7 +68,7 @@ Task task_of(const json& from) {
   config.role = end.at("is_client").get<bool>() ? Role::client : Role::server;
   config.max_payload_bytes = end.at("max_payload_bytes");
   config.peers = end.at("peers").get<std::vector<std::string>>();
-  config.address = end.at("address");
+  config.address = end.value("address", "");  // no coordinator sent it until 0.2.0
   if (const auto& priority = end.at("priority"); !priority.is_null()) config.priority = priority;
   config.security = security_of(end.at("security"));
   task.background.session = end.at("session");

@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <system_error>
 #include <thread>
+#include <tuple>
 #include <utility>
 
 #include <fcntl.h>
@@ -143,19 +144,20 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
   return {plan.error == 0 ? pid : -1, plan.error};
 }
 
-std::vector<std::string> as_nobody() {
+std::vector<std::string> as_nobody(bool with_folder) {
   if (geteuid() != 0) return {};
-  // To start it, to enter its folder, to end it.
-  for (const auto& [capability, name] : {std::pair(CAP_SETUID, "SETUID"),
-                                         {CAP_SETGID, "SETGID"},
-                                         {CAP_CHOWN, "CHOWN"},
-                                         {CAP_DAC_OVERRIDE, "DAC_OVERRIDE"},
-                                         {CAP_KILL, "KILL"}})
-    if (!realtime::capable(capability))
-      throw Error(
-          fmt::format("load and traffic run as the user nobody: for that, ontime lacks the capability {0}. "
-                      "Fix: start the container with --cap-add {0}",
-                      name));
+  std::vector<std::string> missing;
+  for (const auto& [capability, name, is_for_folder] : {std::tuple(CAP_SETUID, "SETUID", false),
+                                                        {CAP_SETGID, "SETGID", false},
+                                                        {CAP_KILL, "KILL", false},
+                                                        {CAP_CHOWN, "CHOWN", true},
+                                                        {CAP_DAC_OVERRIDE, "DAC_OVERRIDE", true}})
+    if ((with_folder || !is_for_folder) && !realtime::capable(capability)) missing.emplace_back(name);
+  if (!missing.empty())
+    throw Error(fmt::format(
+        "load and traffic run as the user nobody: for that, ontime lacks the capabilit{} {}. Fix: start the "
+        "container with --cap-add {}",
+        missing.size() == 1 ? "y" : "ies", fmt::join(missing, ", "), fmt::join(missing, " --cap-add ")));
   // The kernel clears the parent-death signal when the user changes, so setpriv sets it again.
   return {"setpriv",
           fmt::format("--reuid={}", nobody),

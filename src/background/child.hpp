@@ -31,7 +31,8 @@ inline constexpr uid_t nobody = 65534;
 // Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
 // with the thread that started it. None for a caller that is not root. Throws Error for a root that lacks
 // a capability for that.
-std::vector<std::string> as_nobody();
+// `with_folder`: the command gets a folder of its own.
+std::vector<std::string> as_nobody(bool with_folder = false);
 
 // Whether a command ended because env, setpriv, chrt or a shell did not find its program, in any language.
 bool is_of_missing_program(int exit_code, const std::string& output);

@@ -166,7 +166,7 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
                                    const Groups& groups) {
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
   if (wanted == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
-  const auto prefix = as_nobody();  // names a missing capability, without which there is no folder either
+  const auto prefix = as_nobody(true);  // names a missing capability, without which there is no folder either
   auto folder = std::make_unique<Folder>(directory);
   const auto command = command_for(workers, prefix, folder->path());
   const process::Memory output;

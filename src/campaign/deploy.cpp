@@ -48,7 +48,10 @@ done
 program=$folder/$1
 missing=
 while [ $# -gt 0 ]; do
-  mkdir -p "$folder/${1%/*}" && dd bs="$2" count=1 iflag=fullblock >"$folder/$1" 2>/dev/null && chmod 700 "$folder/$1" || exit 121
+  mkdir -p "$folder/${1%/*}" && {
+    [ "$2" -lt 65536 ] || dd bs=65536 count=$(($2 / 65536)) iflag=fullblock
+    [ $(($2 % 65536)) = 0 ] || dd bs=$(($2 % 65536)) count=1 iflag=fullblock
+  } >"$folder/$1" 2>/dev/null && chmod 700 "$folder/$1" || exit 121
   [ "$(wc -c <"$folder/$1")" = "$2" ] || exit 121
   missing="$missing $(ldd "$folder/$1" | sed -n 's/ => not found//p')"
   shift 2

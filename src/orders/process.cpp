@@ -97,8 +97,12 @@ void Process::gone() const {
   if (info.si_pid == 0)
     throw Error(3, fmt::format("{} ({}) closed its pipe, but still runs", name_, command_));
   if (info.si_code != CLD_EXITED)
-    throw Error(3, fmt::format("{} ({}) was killed by signal {} ({})", name_, command_, info.si_status,
-                               sigdescr_np(info.si_status)));
+    throw Error(
+        3, fmt::format("{} ({}) was killed by signal {} ({}){}", name_, command_, info.si_status,
+                       sigdescr_np(info.si_status),
+                       info.si_status == SIGKILL ? ": by a user, or by the kernel because memory ran out "
+                                                   "on the machine or in a control group"
+                                                 : ""));
   if (info.si_status == 127)
     throw Error(3, fmt::format("{} could not be started (exit code 127): {}. Is ontime installed there?",
                                name_, command_));

@@ -420,12 +420,12 @@ class Listen(Robot):
         self.assertIn("did you mean '/cmd_vel'?", done.stderr)
 
     def test_flows_without_a_topic_name_are_told_of_without_a_capture(self):
-        publisher, taker = nodes = self.pair(10, period_us=4_000_000)
+        publisher, taker = nodes = self.pair(10, period_us=8_000_000)
         listener = self.start(ONTIME, "listen", "/nosuch", "--format", "json", "--output", "seen.json")
         until_probed(nodes)
         taker.send_signal(signal.SIGSTOP)
         begin(publisher)
-        time.sleep(6)  # the first message is sent after 4 s; the next one would tell its topic
+        time.sleep(12)  # the first message is sent after 8 s; the next one would tell its topic
         listener.send_signal(signal.SIGINT)
         self.assertEqual(listener.wait(120), 2)
         remark = next(text for text in json.loads((self.folder / "seen.json").read_text())["remarks"] if "/nosuch" in text)

@@ -114,10 +114,11 @@ class Newcomer(unittest.TestCase):
             self.assertEqual("simulated time" in line.rpartition(":")[2], line.startswith("lab/"), line)
 
     def test_transports_are_listed_where_one_is_needed(self):
-        for command in ("ping", "pong"):
-            self.assertIn(f". Fix: {ONTIME} {command} --payload '1 kB' --transport udp\n",
+        for command, further in (("ping", " --loopback"), ("pong", "")):
+            self.assertIn(f". Fix: {ONTIME} {command} --payload '1 kB' --transport udp{further}\n",
                           self.ontime(command, "--payload", "1 kB", code=2).stderr)
             self.assertIn("installed: ", self.ontime(command, "--help").stdout)
+        self.ontime("ping", "--payload", "1 kB", "--transport", "udp", "--loopback", "--duration", "100 ms")
 
     def test_runs_are_named_in_one_way(self):
         (self.folder / "own.yaml").write_text(
