@@ -127,7 +127,9 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
         case Fate::not_ours:
           left.say(entry, fmt::format("left {} {} as it is: another program has changed it since {} did{}",
                                       entry.kind, entry.what, whose,
-                                      entry.before && !entry.before->empty() ? "; before that it was " + *entry.before : ""));
+                                      entry.before && !entry.before->empty()
+                                          ? "; before that it was " + *entry.before
+                                          : ""));
           break;
         case Fate::out_of_sight:
           throw Error(fmt::format("{} {} of another {} namespace is not visible here", entry.kind, entry.what,
