@@ -156,8 +156,7 @@ class OverLoopback : public Explained {
 TEST_P(OverLoopback, AStoppedPongIsSeenByPingAlone) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", hog);
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   packet(sent + 5 * us, 0, asks, 1);
   auto quick = window_;
   const auto at = due - 100 * ms;  // of message 40

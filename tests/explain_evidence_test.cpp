@@ -54,8 +54,7 @@ class Evidence : public Explained {
 
 TEST_P(Evidence, TimeInTheSendCallIsTheSendThreads) {
   switched(due - ms / 2, 1, hog, "S", 0);
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + us, 0, Kind::timer, asks);
   event(sent + 2 * us, 0, Kind::timer_end, asks);
   for (const auto& [after, kind] :
@@ -76,10 +75,7 @@ TEST_P(Evidence, TimeInTheSendCallIsTheSendThreads) {
 
 TEST_P(Evidence, TimeInTheSoftirqThatTakesAPacketInIsItsOwn) {
   switched(due - ms / 2, 1, hog, "S", 0);
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
-  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  sender_wakes_and_queues();
   event(sent + 7 * us, 0, Kind::soft_interrupt, asks, 0, "NET_RX");
   event(sent + 9 * us, 0, Kind::received, asks, 0, "to-controller", 1);
   event(sent + 6 * ms, 0, Kind::waking, answers, asks, "1");
@@ -124,10 +120,7 @@ TEST_P(Evidence, AThreadThatPreemptedASoftirqIsNamedInsteadOfIt) {
 TEST_P(Evidence, ASoftirqThatIsPreemptedBeforeItWakesTheReaderWaits) {
   switched(due - ms / 2, 1, hog, "S", softirqs);
   window_.events.back().other.name = "ksoftirqd/1";
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
-  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  sender_wakes_and_queues();
   event(sent + 8 * us, 1, Kind::soft_interrupt, softirqs, 0, "NET_RX");
   event(sent + 9 * us, 1, Kind::received, softirqs, 0, "to-controller", 1);
   switched(sent + 12 * us, 1, softirqs, "R", hog);
@@ -338,8 +331,7 @@ TEST_P(Evidence, AHolderThatRanIsTheCulprit) {
 
 // As with NFQUEUE, or until a background topic's address is known.
 TEST_P(Evidence, APacketThatAnotherThreadQueuedIsUnknownAtTheSendersEnd) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   switched(sent + 10 * us, 0, asks, "S", another);
   for (const auto kind : {Kind::queued, Kind::sent})
     event(sent + 15 * ms, 0, kind, another, 0, "to-component", 1);
@@ -353,8 +345,7 @@ TEST_P(Evidence, APacketThatAnotherThreadQueuedIsUnknownAtTheSendersEnd) {
 }
 
 TEST_P(Evidence, LostMessageNeverGivenToTheKernelIsReported) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   const auto part = first(message(lost()));
   EXPECT_EQ(word(part), "unknown");
   EXPECT_EQ(part.end, "controller");
@@ -362,10 +353,7 @@ TEST_P(Evidence, LostMessageNeverGivenToTheKernelIsReported) {
 }
 
 TEST_P(Evidence, LostMessageThatLeftIsReported) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
-  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  sender_wakes_and_queues();
   const auto part = first(message(lost()));
   EXPECT_EQ(part.end, "component");
   EXPECT_EQ(part.stage, Stage::travelled);

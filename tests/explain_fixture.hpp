@@ -103,12 +103,22 @@ class Explained : public testing::TestWithParam<bool> {
   void switched(std::int64_t at, int cpu, std::int32_t from, const char* state, std::int32_t to) {
     if (from != 0 || leaving_idle_is_told()) event(at, cpu, Kind::switched, from, to, state);
   }
-  void sender_wakes_and_sends(std::int64_t by = 0) {
+  void sender_wakes(std::int64_t by = 0) {
     event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
     switched(due + 8 * us + by, 0, 0, "R", asks);
+  }
+  void sender_wakes_and_queues(std::int64_t by = 0) {
+    sender_wakes(by);
     event(sent + 5 * us + by, 0, Kind::queued, asks, 0, interface_of_controller_, 1);
     event(sent + 6 * us + by, 0, Kind::sent, asks, 0, interface_of_controller_, 1);
+  }
+  void sender_wakes_and_sends(std::int64_t by = 0) {
+    sender_wakes_and_queues(by);
     event(sent + 9 * us + by, 0, Kind::received, asks, 0, interface_of_component_, 1);
+  }
+  void hog_lets_it_go_on(std::int64_t at) {
+    event(at, 1, Kind::waking, answers, hog, "1");
+    switched(at + 5 * us, 1, 0, "R", answers);
   }
   void has_the_message() {
     switched(due - ms / 2, 1, hog, "S", 0);

@@ -63,8 +63,7 @@ TEST_P(Links, APacketThatARuleDroppedIsNotTheLinks) {
 }
 
 TEST_P(Links, NoNeighbourSoonAfterALinkDownIsLinkDown) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
   EXPECT_EQ(first(message(lost())).cause, Cause::unreachable);
   down("component", due - 450 * ms, due - 300 * ms, true);
@@ -73,8 +72,7 @@ TEST_P(Links, NoNeighbourSoonAfterALinkDownIsLinkDown) {
 }
 
 TEST_P(Links, NoNeighbourLongAfterALinkDownHasAnotherCause) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
   down("component", due - 6000 * ms, due - 5000 * ms, true);
   EXPECT_EQ(first(message(lost())).cause, Cause::unreachable);
@@ -102,10 +100,7 @@ TEST_P(Links, LegOfNegativeLengthIsNotLinkDown) {
 
 TEST_P(Links, APacketOfTheLoopbackDoesNotHideAWire) {
   switched(due - ms / 2, 1, hog, "S", 0);
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
-  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  sender_wakes_and_queues();
   for (const auto kind : {Kind::queued, Kind::sent, Kind::received})
     event(sent + 7 * us, 0, kind, hog, 0, "lo", 3);
   constexpr std::int32_t napi = 7;
@@ -132,8 +127,7 @@ TEST_P(Links, ImpossibleLinkTimesInAFileAreIgnored) {
 }
 
 TEST_P(Links, AMessageForWhichThereWasNoRoute) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 5 * us, 0, Kind::no_route, asks);
   const auto part = first(message(lost()));
   EXPECT_EQ(part.cause, Cause::unreachable);

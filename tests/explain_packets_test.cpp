@@ -147,8 +147,7 @@ class SlowLink : public Packets {
   SlowLink() {
     for (auto& sample : samples_) comes_later(sample);
     switched(due - ms / 2, 1, 0, "R", hog);
-    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us, 0, 0, "R", asks);
+    sender_wakes();
   }
   static void comes_later(Sample& sample) {
     for (auto* at : {&sample.server_received_ns, &sample.server_sent_ns, &sample.received_ns}) *at += delay;
@@ -202,8 +201,7 @@ class Held : public Packets {
   Held() {
     timeout_us_ = 100'000;
     switched(due - ms / 2, 1, hog, "S", 0);
-    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us, 0, 0, "R", asks);
+    sender_wakes();
   }
   void request_comes(std::int64_t after) {
     event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
@@ -239,8 +237,7 @@ TEST_P(Held, AQueueBeforeAnAnswerThatVanishedDidNotLoseIt) {
 TEST_P(Held, AQueueBeforeAReaderThatStillWaitsForACpuCounts) {
   window_.events.clear();
   switched(due - ms / 2, 1, 0, "R", hog);
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
   event(sent + 60 * ms, 0, Kind::sent, 0, 0, "to-component", 1);
   event(sent + 60 * ms + us, 0, Kind::received, 0, 0, "to-controller", 1);
@@ -320,10 +317,6 @@ class Fragments : public Packets {
       window_.events.back().bytes = bytes;
     }
   }
-  void sender_wakes() {
-    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us, 0, 0, "R", asks);
-  }
 };
 
 TEST_P(Fragments, ALaterFragmentThatIsDroppedLostTheMessage) {
@@ -364,10 +357,7 @@ class Napi : public Packets {
  protected:
   static constexpr std::int32_t napi = 7;
   void leaves_and_wakes_napi() {
-    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us, 0, 0, "R", asks);
-    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-    event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+    sender_wakes_and_queues();
     by_napi({.at_ns = sent + 7 * us, .cpu = 0, .kind = Kind::waking, .thread = {}, .other = named(asks)});
     window_.events.back().what = "1";
   }
@@ -420,10 +410,7 @@ TEST_P(Napi, APacketThatTheKernelJoinedToAnotherIsReceivedWithIt) {
 class Wire : public Packets {
  protected:
   void leaves() {
-    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us, 0, 0, "R", asks);
-    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
-    event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+    sender_wakes_and_queues();
     comes(sent + 30 * us, 2);
   }
   void comes(std::int64_t at, std::int32_t packet) {

@@ -62,8 +62,7 @@ TEST_P(Explained, StoppedThreadIsStopped) {
   switched(due - 700 * us, 1, answers, "T", 0);
   switched(due - 600 * us, 1, hog, "S", 0);
   sender_wakes_and_sends();
-  event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
-  switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+  hog_lets_it_go_on(sent + 30 * ms);
   const auto part = first(message(late(0, 30 * ms, 0)));
   EXPECT_EQ(part.cause, Cause::stopped);
   EXPECT_EQ(part.end, "component");
@@ -79,8 +78,7 @@ TEST_P(Explained, OnlyTheSignalThatStoppedTheThreadNamesItsSender) {
       event(at, 2, Kind::signal, to, to == vim ? bash : hog, to == vim ? "20" : "19");
     switched(due - 600 * us, 1, hog, "S", 0);
     sender_wakes_and_sends();
-    event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
-    switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+    hog_lets_it_go_on(sent + 30 * ms);
     in_order();
     const auto part = first(message(late(0, 30 * ms, 0)));
     samples_.erase(samples_.begin() + 50);
@@ -103,8 +101,7 @@ TEST_P(Explained, SignalToItsProcessStopsTheThread) {
   switched(due - 840 * us, 1, 0, "R", answers);
   switched(due - 700 * us, 1, answers, "T", 0);
   sender_wakes_and_sends();
-  event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
-  switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+  hog_lets_it_go_on(sent + 30 * ms);
   const auto part = first(message(late(0, 30 * ms, 0)));
   EXPECT_EQ(part.cause, Cause::stopped);
   EXPECT_EQ(part.culprit, "hog");
@@ -161,8 +158,7 @@ TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {
 }
 
 TEST_P(Explained, SenderIsBusyFromTheTimeThatItNotedItself) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 4 * ms, 0, Kind::timer, asks);
   event(sent + 4 * ms + us, 0, Kind::timer_end, asks);
   event(sent + 15 * ms, 0, Kind::queued, asks, 0, "to-component", 1);
@@ -185,8 +181,7 @@ TEST_P(Explained, ATimerThatCameLate) {
 }
 
 TEST_P(Explained, APacketThatIsHeldInAQueue) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   event(sent + 5 * us, 0, Kind::queued, asks, 0, "veth", 1);
   event(sent + 15 * ms, 0, Kind::sent, 0, 0, "veth", 1);
   event(sent + 15 * ms + us, 0, Kind::received, 0, 0, "veth", 1);

@@ -29,8 +29,7 @@ TEST_P(Waits, ThreadThatSleptWithTheMessageWaited) {
 }
 
 TEST_P(Waits, OneThatSleepsAfterAMessageThatIsLostIsNotAccused) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
+  sender_wakes();
   switched(sent + 20 * us, 0, asks, "S", 0);  // no packet of it was seen
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }

@@ -128,8 +128,8 @@ std::string open_age_of(const listen::Flow& flow) {
 std::string unseen_of(std::uint64_t sensor_lost) {
   return fmt::format(
       "{} not seen: ontime's buffer was full, or, without --packets, a node took more than 64 messages at "
-      "once. Losses and "
-      "periods across these gaps are not counted. Fix for a full buffer: start ontime with nice -n -10",
+      "once. Losses and periods across these gaps are not counted. Fix for a full buffer: start ontime with "
+      "nice -n -10",
       table::many(sensor_lost, "publish, take or packet was", "publishes, takes or packets were"));
 }
 

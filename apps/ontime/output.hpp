@@ -31,7 +31,7 @@ inline constexpr const char* simulated_time = " of simulated time";  // after ab
 
 // What a command writes to a file. An existing file is replaced only by its own kind, so that a mistyped name
 // destroys nothing. `page` is the HTML of this ontime or another; a table of text has no mark, so it goes by
-// the name: .txt, .md or .log.
+// the end of the name.
 enum class Kind { text, json, csv, latex, page, junit, figure };
 Kind kind_of(report::Format);
 bool can_replace(const std::string& path, Kind);  // also an empty file, or none

@@ -293,8 +293,8 @@ std::string lacks_memory(std::istream& meminfo, const std::optional<machine::Gro
   if (group && group->left_bytes() < std::min(available, own_locked_bytes))
     return fmt::format(
         "an end with locked memory needs {} MiB or more. Its control group has {} MiB left of {} MiB. Fix: "
-        "raise the "
-        "group's limit (MemoryMax of systemd, --memory of docker), or set realtime.lock-memory: off",
+        "raise the group's limit (MemoryMax of systemd, --memory of docker), or set realtime.lock-memory: "
+        "off",
         own_locked_bytes / mebibyte, group->left_bytes() / mebibyte, group->limit_bytes / mebibyte);
   const auto reserve = std::min(total / 20, most_reserve);
   if (total == 0 || available >= locked_bytes + reserve) return "";

@@ -271,6 +271,7 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   if (!message.empty()) parts.push_back(message);
   if (const auto time = common("duration_s", "duration", &Client::duration, duration); !time.empty())
     parts.push_back(time + " a run");
+  // The deadline is told only where it differs.
   common("deadline_us", "deadline", &Client::deadline, duration);
   std::vector<std::string> texts;
   if (!parts.empty()) texts.push_back(join(parts, ", "));

@@ -205,11 +205,11 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     add("Compare", {"ontime", "compare", file, "--from", from, "--to", to});
   }
   if (found.longer != nullptr && found.longer_ns > 0) {
-    auto words = again(*found.longer, without_duration);
-    const bool listens = is_of_listen(words);
     const auto id = word(found.longer->run.asked.id);
-    if (is_of_scenario(words) && origin.only == id && can_be_named(id))  // `report --only` showed these alone
-      words = with(again(*found.longer, without_either), {"--only", id});
+    const bool is_alone = origin.only == id && can_be_named(id);  // `report --only` showed no other
+    auto words = again(*found.longer, is_alone ? Options(without_either) : Options(without_duration));
+    if (is_alone && is_of_scenario(words)) words = with(words, {"--only", id});
+    const bool listens = is_of_listen(words);
     add(found.longer_tells.c_str(),
         with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}), listens);
   }

@@ -130,10 +130,7 @@ std::string cautions_of(const Answer& answer, std::size_t width, std::span<const
     const auto room = lines[i] * (width - 2) - std::min(heading + wrapping, width);
     text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
   }
-  if (answer.cautions.size() > most_cautions)
-    text += fmt::format("… and {} (--full)\n",
-                        many(answer.cautions.size() - most_cautions, "more caution", "more cautions"));
-  return text;
+  return text + more_cautions(answer.cautions.size());
 }
 
 ordered_json ms(const std::optional<double>& ns) { return ns ? ordered_json(*ns / 1e6) : ordered_json(); }

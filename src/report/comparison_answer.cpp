@@ -345,9 +345,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   const auto cautions = cautions_of(comparison, names, 2 * width - 24);
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + printable(cautions[i]), width);
-  if (cautions.size() > most_cautions)
-    text += fmt::format("… and {} (--full)\n",
-                        many(cautions.size() - most_cautions, "more caution", "more cautions"));
+  text += more_cautions(cautions.size());
   for (const auto& judgement : judgements)
     if (!judgement.says.empty()) text += wrapped(printable(gate::text_of(judgement)), width);
   return text + steps_text({{"All metrics", full_command}}, width);

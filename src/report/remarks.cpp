@@ -356,24 +356,19 @@ std::vector<SharedRemark> shared_remarks(const Group& runs) {
 void gather_requirements(std::vector<SharedRemark>& remarks, const std::vector<std::string>& names) {
   for (const auto& [requirement, most, what] : {std::tuple(Remark::Requirement::open, 1, "open requirements"),
                                                 {Remark::Requirement::missed, 2, "missed requirements"}}) {
+    const auto is_told = [wanted = requirement](const auto& one) { return one.requirement == wanted; };
+    if (std::ranges::count_if(remarks, is_told) <= most) continue;
+    auto all = *std::ranges::find_if(remarks, is_told);  // "FAIL: p99 <= 1 ms: …"
     std::set<std::size_t> runs;
-    std::vector<SharedRemark> told;
     for (const auto& remark : remarks)
-      if (remark.requirement == requirement) {
-        told.push_back(remark);
-        runs.insert(remark.runs.begin(), remark.runs.end());
-      }
-    if (told.size() <= static_cast<std::size_t>(most)) continue;
-    const auto& text = told.front().text;  // "FAIL: p99 <= 1 ms: …"
-    std::erase_if(remarks, [&, wanted = requirement](const auto& one) { return one.requirement == wanted; });
-    remarks.insert(remarks.begin(),
-                   {told.front().weight,
-                    fmt::format("{} in {}, such as {}{}", what, many(runs.size(), "run", "runs"),
-                                names.size() > 1 ? names[told.front().runs.front()] + ": " : "",
-                                text.substr(text.find(' ') + 1)),
-                    {runs.begin(), runs.end()},
-                    requirement,
-                    true});
+      if (is_told(remark)) runs.insert(remark.runs.begin(), remark.runs.end());
+    all.text = fmt::format("{} in {}, such as {}{}", what, many(runs.size(), "run", "runs"),
+                           names.size() > 1 ? names[all.runs.front()] + ": " : "",
+                           all.text.substr(all.text.find(' ') + 1));
+    all.runs.assign(runs.begin(), runs.end());
+    all.names_a_run = true;
+    std::erase_if(remarks, is_told);
+    remarks.insert(remarks.begin(), std::move(all));
   }
 }
 

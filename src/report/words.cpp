@@ -135,4 +135,9 @@ std::string size(std::uint64_t bytes) {
   return fmt::format("{} B", bytes);
 }
 
+std::string more_cautions(std::size_t all) {
+  if (all <= most_cautions) return "";
+  return fmt::format("… and {} (--full)\n", many(all - most_cautions, "more caution", "more cautions"));
+}
+
 }  // namespace ontime::report

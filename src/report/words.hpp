@@ -21,6 +21,7 @@ namespace ontime::report {
 
 inline constexpr const char* nothing = "-";
 inline constexpr std::size_t most_cautions = 3;  // of the first screen
+std::string more_cautions(std::size_t all);      // "… and 2 more cautions (--full)", a line; "": none
 
 using record::at;
 using table::as_csv;
