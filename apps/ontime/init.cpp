@@ -38,6 +38,13 @@ struct Place {
 
 bool is_ipv6(const std::string& address) { return address.find(':') != address.npos; }
 
+[[noreturn]] void refuse_without_ipv4(const std::string& host, const std::string& address) {
+  throw Error(3,
+              fmt::format("{}: ssh uses the IPv6 address {}. Messages need an IPv4 address, and none of its "
+                          "interface is known. Fix: ssh by IPv4 (AddressFamily inet in ~/.ssh/config)",
+                          host, address));
+}
+
 // What a command prints, with its errors, and its exit code.
 std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
   const auto command = table::shell_line(words) + " 2>&1 </dev/null";
@@ -72,11 +79,7 @@ Place place_of(const std::string& host) {
   words >> mark >> place.peer >> place.address >> has_ontime >> place.interface >> ipv4;
   place.has_ontime = has_ontime == "yes";
   if (!is_ipv6(place.address)) return place;
-  if (ipv4.empty())
-    throw Error(3,
-                fmt::format("{0}: ssh uses the IPv6 address {1}. Messages need an IPv4 address, and none of "
-                            "its interface is known. Fix: ssh by IPv4 (AddressFamily inet in ~/.ssh/config)",
-                            host, place.address));
+  if (ipv4.empty()) refuse_without_ipv4(host, place.address);
   place.address = ipv4;
   return place;
 }
@@ -88,8 +91,11 @@ Place this_machine(const Place& other) {
   place.interface = machine::interface_to(other.address, "");
   if (!is_ipv6(place.address)) return place;
   for (const auto& interface : machine::interfaces())
-    if (interface.name == place.interface) place.address = interface.addresses.at(0);
-  return place;
+    if (interface.name == place.interface && !interface.addresses.empty()) {
+      place.address = interface.addresses.front();
+      return place;
+    }
+  refuse_without_ipv4("this machine", place.address);
 }
 
 std::string line_of(const char* role, const Place& place) {
