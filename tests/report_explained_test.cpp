@@ -87,6 +87,41 @@ TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   EXPECT_NO_THROW(render_explained({one}, Format::table)) << "blanks alone are left";
 }
 
+TEST(RenderExplained, CauseOfSeveralRunsComesFirstWithItsRemedyOnce) {
+  const auto run = [](std::string culprit, std::size_t messages, std::int64_t most_ns, std::string advice) {
+    Explained one;
+    one.account.traced = true;
+    one.account.late = messages;
+    explain::Group group;
+    group.messages = messages;
+    group.least_ns = 1 * ms;
+    group.most_ns = most_ns;
+    group.culprit.cause = explain::Cause::cpu;
+    group.culprit.culprit = std::move(culprit);
+    group.remedy.advice = std::move(advice);
+    one.account.groups = {group};
+    return one;
+  };
+  const auto text =
+      render_explained({run("hog", 3, 2 * ms, "stop it"), run("backup", 4, 9 * ms, "move it"),
+                        run("hog", 2, 7 * ms, "stop it"), run("backup", 1, 3 * ms, "another priority")},
+                       Format::table, 200);
+  EXPECT_THAT(text,
+              ::testing::MatchesRegex("4 runs with late or lost messages. Why:\n"
+                                      " +5 [^\n]*hog[^\n]*: 1.0 ms to 7.0 ms \\(2 runs\\)\n +→ stop it\n"
+                                      " +5 [^\n]*backup[^\n]*: 1.0 ms to 9.0 ms \\(2 runs\\)\n\nrun .*"));
+  const auto count = [&](const char* words) {
+    std::size_t found = 0;
+    for (auto at = text.find(words); at != text.npos; at = text.find(words, at + 1)) ++found;
+    return found;
+  };
+  EXPECT_EQ(count("→ stop it"), 1U);
+  EXPECT_EQ(count("→ move it"), 1U) << "it differs between runs: each run has its own";
+  EXPECT_EQ(count("→ another priority"), 1U);
+  EXPECT_THAT(render_explained({run("hog", 3, 2 * ms, "stop it"), Explained()}, Format::table),
+              ::testing::Not(HasSubstr("runs with")));
+}
+
 TEST(RenderExplained, JsonSendsATerminalNoControlCharacter) {
   Explained one;
   one.run.asked = nlohmann::json{{"id", "a"}, {"component", "arm\u009b"}};

@@ -205,13 +205,6 @@ bool is_of_lost(const Part& part) {
   return part.ns == 0 && (part.cause == Cause::dropped || part.cause == Cause::unknown);
 }
 
-// Whether the two parts belong into one group: the same cause, thread and culprit.
-bool same(const Part& one, const Part& other) {
-  return one.cause == other.cause && one.end == other.end && one.thread == other.thread &&
-         one.via == other.via && one.culprit == other.culprit && is_of_lost(one) == is_of_lost(other) &&
-         (!is_of_lost(one) || one.stage == other.stage);
-}
-
 std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>& messages) {
   std::vector<Group> groups;
   std::vector<std::set<std::int32_t>> threads;
@@ -219,7 +212,7 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
     if (!message.is_fault() || message.parts.empty()) continue;
     const auto& first = message.parts.front();
     const auto found = std::find_if(groups.begin(), groups.end(),
-                                    [&](const Group& group) { return same(group.culprit, first); });
+                                    [&](const Group& group) { return same_cause(group.culprit, first); });
     const auto place = static_cast<std::size_t>(found - groups.begin());
     if (found == groups.end()) {
       groups.push_back(
@@ -239,6 +232,12 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
 }
 
 }  // namespace
+
+bool same_cause(const Part& one, const Part& other) {
+  return one.cause == other.cause && one.end == other.end && one.thread == other.thread &&
+         one.via == other.via && one.culprit == other.culprit && is_of_lost(one) == is_of_lost(other) &&
+         (!is_of_lost(one) || one.stage == other.stage);
+}
 
 std::int64_t deadline_ns_of(const record::Run& run) { return possible(run.asked.task.client.deadline); }
 

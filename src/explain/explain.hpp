@@ -58,6 +58,9 @@ struct Group {
   Remedy remedy{};
 };
 
+// Whether two parts are of one group: the same cause, thread and culprit.
+bool same_cause(const Part&, const Part&);
+
 struct Account {
   bool traced = false;                 // it was measured with `explain: on`
   std::uint64_t late = 0, lost = 0;    // of the run

@@ -187,9 +187,14 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   const bool same_stress = worst->regime.stress == contrast->regime.stress;
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
   const auto lacking = any_stress(classes);
-  const auto other = same_stress  ? tuned_words(contrast->regime.tuned)
-                     : same_tuned ? stress_words(contrast->regime.stress, lacking)
-                                  : all_words(contrast->regime, lacking);
+  // What both have in common is left out, unless the rest alone names another class, too.
+  const auto alone = [&](auto Regime::* part) {
+    return std::ranges::count_if(
+               classes, [&](const Class& one) { return one.regime.*part == contrast->regime.*part; }) == 1;
+  };
+  const auto other = same_stress && alone(&Regime::tuned)   ? tuned_words(contrast->regime.tuned)
+                     : same_tuned && alone(&Regime::stress) ? stress_words(contrast->regime.stress, lacking)
+                                                            : all_words(contrast->regime, lacking);
   auto first = same_stress && worst->regime.stress.empty() ? tuned_words(worst->regime.tuned)
                                                            : all_words(worst->regime, lacking);
   first.front() = static_cast<char>(std::toupper(first.front()));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 #include <string_view>
 #include <utility>
 
@@ -149,7 +150,65 @@ std::string why_untraced(const Explained& one) {
   return error ? "failed: " + word(*error) : "causes unknown: no kernel events were recorded";
 }
 
-std::string text_of(const Explained& one, const Marks& marks) {
+std::string text_of(const Group& group, const std::string& more, const std::string& remedy,
+                    const Marks& marks) {
+  auto text = fmt::format("{}{:>4}  {}{}\n", marks.item, group.messages, sentence_of(group), more);
+  if (!remedy.empty()) text += fmt::format("{}{}\n", marks.below, printable(remedy));
+  return text;
+}
+
+// A cause in several runs.
+struct Across {
+  Group group;
+  std::set<std::string> remedies;  // a run's own settings may need another one
+  std::size_t runs = 0;
+};
+std::vector<Across> across(const std::vector<Explained>& all) {
+  std::vector<Across> causes;
+  for (const auto& one : all)
+    for (const auto& group : one.account.groups) {
+      auto found = std::ranges::find_if(causes, [&](const Across& cause) {
+        return explain::same_cause(cause.group.culprit, group.culprit);
+      });
+      if (found == causes.end()) {
+        found = causes.insert(causes.end(), {group, {}, 0});
+        found->group.messages = 0;
+      }
+      auto& sum = found->group;
+      sum.messages += group.messages;
+      sum.threads = std::max(sum.threads, group.threads);
+      sum.least_ns = std::min(sum.least_ns, group.least_ns);
+      sum.most_ns = std::max(sum.most_ns, group.most_ns);
+      found->remedies.insert(explain::text_of(group.remedy));
+      ++found->runs;
+    }
+  std::ranges::stable_sort(causes, std::ranges::greater(),
+                           [](const Across& cause) { return cause.group.messages; });
+  return causes;
+}
+
+constexpr std::size_t most_across = 10;
+// What all runs have in common comes first; "" if fewer than two have a cause. Adds to `told` the remedies
+// that it contains.
+std::string text_of_all(const std::vector<Explained>& all, const Marks& marks, std::set<std::string>& told) {
+  const auto runs = std::ranges::count_if(all, [](const auto& one) { return !one.account.groups.empty(); });
+  if (runs < 2) return "";
+  const auto causes = across(all);
+  auto text = fmt::format("{0}{1} runs with late or lost messages. Why:{0}\n", marks.heading, runs);
+  if (*marks.heading != '\0') text += "\n";
+  for (std::size_t i = 0; i < std::min(most_across, causes.size()); ++i) {
+    const auto& [group, remedies, in] = causes[i];
+    const auto remedy = remedies.size() == 1 ? *remedies.begin() : "";
+    text += text_of(group, fmt::format(" ({} run{})", in, in == 1 ? "" : "s"), remedy, marks);
+    told.insert(remedy);
+  }
+  if (causes.size() > most_across)
+    text += fmt::format("{}… and {} more causes, see each run\n", marks.item, causes.size() - most_across);
+  return text;
+}
+
+// Without the remedies that were told before.
+std::string text_of(const Explained& one, const Marks& marks, const std::set<std::string>& told) {
   if (one.run.asked.is_listened()) return text_of_listened(one, marks);
   const auto& account = one.account;
   const auto heading = [&](const std::string& rest) {
@@ -161,9 +220,8 @@ std::string text_of(const Explained& one, const Marks& marks) {
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
   if (*marks.heading != '\0') text += "\n";
   for (const auto& group : account.groups) {
-    text += fmt::format("{}{:>4}  {}\n", marks.item, group.messages, sentence_of(group));
-    if (const auto remedy = explain::text_of(group.remedy); !remedy.empty())
-      text += fmt::format("{}{}\n", marks.below, printable(remedy));
+    const auto remedy = explain::text_of(group.remedy);
+    text += text_of(group, "", told.contains(remedy) ? "" : remedy, marks);
   }
   const auto slowest = std::ranges::find_if(
       account.messages, [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
@@ -326,10 +384,13 @@ std::string render_explained(const std::vector<Explained>& all, Format format, s
     return json_text(array_of(all, [](const Explained& one) { return json_of(one); }));
   std::string text;
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "\n") + more; };
+  const auto marks = marks_of(format);
+  std::set<std::string> told;
+  if (const auto first = text_of_all(all, marks, told); !first.empty()) add(fitted(first, format, columns));
   const auto without = std::ranges::count_if(all, is_untraced);
   for (const auto& one : all)
     if (without < 2 || !is_untraced(one))
-      add(with_blanks(fitted(text_of(one, marks_of(format)), format, columns)));
+      add(with_blanks(fitted(text_of(one, marks, told), format, columns)));
   if (without > 1)  // one sentence for all of them
     add(std::cmp_equal(without, all.size())
             ? fmt::format(
