@@ -2,6 +2,7 @@
 // What `ontime explain` prints.
 #include <algorithm>
 #include <regex>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -120,6 +121,25 @@ TEST(RenderExplained, CauseOfSeveralRunsComesFirstWithItsRemedyOnce) {
   EXPECT_EQ(count("→ another priority"), 1U);
   EXPECT_THAT(render_explained({run("hog", 3, 2 * ms, "stop it"), Explained()}, Format::table),
               ::testing::Not(HasSubstr("runs with")));
+}
+
+TEST(RenderExplained, CausesWithTheSameRemedyStandTogetherAboveIt) {
+  Explained one;
+  one.account.traced = true;
+  one.account.late = 12;
+  for (const auto& [messages, culprit, advice] :
+       {std::tuple(5U, "backup", "move it"), {4U, "hog", "stop it"}, {3U, "cron", "stop it"}}) {
+    explain::Group group;
+    group.messages = messages;
+    group.culprit.cause = explain::Cause::cpu;
+    group.culprit.culprit = culprit;
+    group.remedy.advice = advice;
+    one.account.groups.push_back(group);
+  }
+  EXPECT_THAT(render_explained({one}, Format::table, 200),
+              ::testing::MatchesRegex(
+                  "run [^\n]*\n +4 [^\n]*hog[^\n]*\n +3 [^\n]*cron[^\n]*\n +→ for these 2: stop it\n"
+                  " +5 [^\n]*backup[^\n]*\n +→ move it\n"));
 }
 
 TEST(RenderExplained, JsonSendsATerminalNoControlCharacter) {

@@ -6,6 +6,7 @@
 #include <set>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -150,10 +151,36 @@ std::string why_untraced(const Explained& one) {
   return error ? "failed: " + word(*error) : "causes unknown: no kernel events were recorded";
 }
 
-std::string text_of(const Group& group, const std::string& more, const std::string& remedy,
+// A line of a list of causes.
+struct Listed {
+  Group group;
+  std::string more, remedy;
+};
+// Causes with the same remedy stand together, above it. A remedy that was told before is left out.
+std::string text_of(const std::vector<Listed>& causes, const std::set<std::string>& told,
                     const Marks& marks) {
-  auto text = fmt::format("{}{:>4}  {}{}\n", marks.item, group.messages, sentence_of(group), more);
-  if (!remedy.empty()) text += fmt::format("{}{}\n", marks.below, printable(remedy));
+  std::vector<std::pair<std::string, std::vector<const Listed*>>> blocks;
+  for (const auto& cause : causes) {
+    const auto same = std::ranges::find(blocks, cause.remedy, [](const auto& block) { return block.first; });
+    if (same == blocks.end())
+      blocks.push_back({cause.remedy, {&cause}});
+    else
+      same->second.push_back(&cause);
+  }
+  std::ranges::stable_sort(blocks, std::ranges::greater(), [](const auto& block) {
+    std::size_t messages = 0;
+    for (const auto* cause : block.second) messages += cause->group.messages;
+    return messages;
+  });
+  std::string text;
+  for (const auto& [remedy, of] : blocks) {
+    for (const auto* cause : of)
+      text += fmt::format("{}{:>4}  {}{}\n", marks.item, cause->group.messages, sentence_of(cause->group),
+                          cause->more);
+    if (!remedy.empty() && !told.contains(remedy))
+      text += fmt::format("{}{}{}\n", marks.below,
+                          of.size() == 1 ? "" : fmt::format("for these {}: ", of.size()), printable(remedy));
+  }
   return text;
 }
 
@@ -196,12 +223,14 @@ std::string text_of_all(const std::vector<Explained>& all, const Marks& marks, s
   const auto causes = across(all);
   auto text = fmt::format("{0}{1} runs with late or lost messages. Why:{0}\n", marks.heading, runs);
   if (*marks.heading != '\0') text += "\n";
+  std::vector<Listed> listed;
   for (std::size_t i = 0; i < std::min(most_across, causes.size()); ++i) {
     const auto& [group, remedies, in] = causes[i];
-    const auto remedy = remedies.size() == 1 ? *remedies.begin() : "";
-    text += text_of(group, fmt::format(" ({} run{})", in, in == 1 ? "" : "s"), remedy, marks);
-    told.insert(remedy);
+    listed.push_back({group, fmt::format(" ({} run{})", in, in == 1 ? "" : "s"),
+                      remedies.size() == 1 ? *remedies.begin() : ""});
   }
+  text += text_of(listed, told, marks);
+  for (const auto& cause : listed) told.insert(cause.remedy);
   if (causes.size() > most_across)
     text += fmt::format("{}… and {} more causes, see each run\n", marks.item, causes.size() - most_across);
   return text;
@@ -219,10 +248,9 @@ std::string text_of(const Explained& one, const Marks& marks, const std::set<std
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
   if (*marks.heading != '\0') text += "\n";
-  for (const auto& group : account.groups) {
-    const auto remedy = explain::text_of(group.remedy);
-    text += text_of(group, "", told.contains(remedy) ? "" : remedy, marks);
-  }
+  std::vector<Listed> listed;
+  for (const auto& group : account.groups) listed.push_back({group, "", explain::text_of(group.remedy)});
+  text += text_of(listed, told, marks);
   const auto slowest = std::ranges::find_if(
       account.messages, [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
   if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
