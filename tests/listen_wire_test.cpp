@@ -252,6 +252,23 @@ TEST_F(OnTheWire, WriterThatLeapsBeginsAnew) {
   EXPECT_EQ(flow().lost, 0U);
 }
 
+TEST_F(OnTheWire, WriterThatRestartsWithItsGuidIsCountedAgain) {
+  unsigned second = 0;
+  for (unsigned i = 1; i <= 5000; ++i) arrive(Rtps().stamp(++second, 0).data(i));
+  for (unsigned i = 1; i <= 3; ++i) arrive(Rtps().stamp(++second, 0).data(i));
+  for (unsigned i = 1; i <= 3; ++i)
+    for (unsigned fragment = 1; fragment <= 2; ++fragment)
+      arrive(Rtps().stamp(second + i, 0).fragment(i, fragment, 1, 2));
+  EXPECT_EQ(flow().messages, 5006U);
+  EXPECT_EQ(flow().period.count(), 5005U);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().duplicated, 0U);
+  EXPECT_EQ(flow().reordered, 0U);
+  arrive(Rtps().stamp(second + 2, 0).data(2));
+  EXPECT_EQ(flow().messages, 5006U);
+  EXPECT_EQ(flow().duplicated, 1U);
+}
+
 TEST_F(OnTheWire, DatagramCutShortMakesNoLoss) {
   arrive(Rtps().data(1));
   auto cut = Rtps().data(2).data(3, Bytes(100));

@@ -19,6 +19,7 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 // So much later no GAP tells any more that a number was never sent.
 constexpr std::uint64_t doubtful = 64;
 constexpr std::int64_t doubtful_ns = 10'000'000'000;
+constexpr std::int64_t soonest_restart_ns = 100'000'000;
 
 }  // namespace
 
@@ -105,15 +106,35 @@ Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uin
       Partial{.sequence = sequence, .seen = std::vector<bool>(fragments), .count = 0});
 }
 
+// Whether a new message has a number of before: its writer restarted with its old GUID. A repeated message
+// has its old stamp, and threads that publish at once have almost the same.
+bool Wire::began_again(const Stream& stream, const rtps::Data& data) {
+  const auto& sequence = stream.sequence;
+  return data.sequence < sequence.next() && !sequence.is_missing(data.sequence) &&
+         stream.latest_stamp_ns > 0 && data.stamp_ns > stream.latest_stamp_ns + soonest_restart_ns;
+}
+
+// The next message has any number. Losses until now stay.
+void Wire::restart(Stream& stream) {
+  keep_all_losses(stream);
+  stream.sequence.restart();
+  for (auto& [way, sequence] : stream.ways) sequence.restart();
+  stream.rows.restart();
+  stream.last_seen = stream.last_stamped = 0;
+  stream.latest_stamp_ns = 0;
+}
+
 void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {
   auto* const stream = stream_of(data.writer);
-  if (stream == nullptr || (data.fragments && !completes(*stream, data))) return;
+  if (stream == nullptr) return;
+  if (began_again(*stream, data)) {
+    restart(*stream);
+    stream->partial.clear();
+  }
+  if (data.fragments && !completes(*stream, data)) return;
   if (stream->is_broken ||
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
-    keep_all_losses(*stream);
-    stream->sequence.restart();
-    for (auto& [way, sequence] : stream->ways) sequence.restart();
-    stream->rows.restart();
+    restart(*stream);
     stream->is_broken = true;
   }
   const auto fate = stream->sequence.see(data.sequence);
@@ -125,8 +146,7 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
       ++stream->duplicated;
   if (fate != Sequence::Fate::in_order && fate != Sequence::Fate::overtaken) return;
   // A heartbeat ahead of its message does not make it out of order.
-  if (data.sequence < stream->last_seen && !stream->is_broken) ++stream->reordered;
-  if (stream->is_broken) stream->last_seen = 0;
+  if (data.sequence < stream->last_seen) ++stream->reordered;
   stream->last_seen = std::max(stream->last_seen, data.sequence);
   if (stream->messages == 0) {
     stream->first_ns = at_ns;
@@ -135,6 +155,7 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     stream->is_broken = true;
   }
   judge(*stream, at_ns, data);
+  stream->latest_stamp_ns = std::max(stream->latest_stamp_ns, data.stamp_ns.value_or(0));
   ++stream->messages;
   stream->last_ns = at_ns;
   stream->is_broken = false;
@@ -160,7 +181,6 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     stream.rows.age(keep_row_,
                     {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
                     data.sequence, [](std::uint64_t) { return std::int64_t{0}; });
-    if (stream.is_broken) stream.last_stamped = 0;
     if (stream.last_stamped > 0 && data.sequence > stream.last_stamped + 1)
       stream.holes.push_back(
           {stream.last_stamped + 1, data.sequence - 1, stream.last_stamp_ns, *data.stamp_ns});

@@ -55,6 +55,7 @@ class Wire {
     std::deque<Hole> holes;  // whose losses have no rows yet: it is not decided which of them are lost
     std::uint64_t last_stamped = 0;  // the largest number of a message with an age, and its stamp
     std::int64_t last_stamp_ns = 0;
+    std::int64_t latest_stamp_ns = 0;  // of all; 0: unknown
     bool is_broken = false;
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the largest number of a message that arrived
@@ -63,6 +64,8 @@ class Wire {
     std::deque<Partial> partial;  // in order of arrival
   };
   Stream* stream_of(const rtps::Guid&);
+  static bool began_again(const Stream&, const rtps::Data&);
+  void restart(Stream&);
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
