@@ -27,7 +27,8 @@ inline void add_sequence(Bytes& bytes, std::uint64_t number) {
   add_little(bytes, number, 4);
 }
 
-inline constexpr std::array<unsigned, 4> user_writer{0, 0, 0x12, 0x03}, publications{0, 0, 0x03, 0xc2};
+inline constexpr std::array<unsigned, 4> user_writer{0, 0, 0x12, 0x03}, user_reader{0, 0, 0x13, 0x04},
+    publications{0, 0, 0x03, 0xc2}, subscriptions{0, 0, 0x04, 0xc2};
 
 class Rtps {
  public:
@@ -78,13 +79,18 @@ class Rtps {
     add_little(body, 1, 4);
     return submessage(0x07, 1, body);
   }
-  // Discovery of the user's writer.
-  Rtps& announce(const std::string& topic) {
+  // Discovery of the user's writer, or of a reader.
+  Rtps& announce(const std::string& topic) { return announce(topic, user_writer, publications); }
+  Rtps& announce_reader(const std::string& topic, unsigned number = 0) {
+    return announce(topic, {0, number, user_reader[2], user_reader[3]}, subscriptions);
+  }
+  Rtps& announce(const std::string& topic, std::array<unsigned, 4> endpoint, std::array<unsigned, 4> by) {
     Bytes list;
     add(list, {0, 3, 0, 0});
     add_little(list, 0x5a, 2);
     add_little(list, 16, 2);
-    add(list, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 0, 0, 0x12, 0x03});
+    add(list, {1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12});
+    add(list, {endpoint[0], endpoint[1], endpoint[2], endpoint[3]});
     const auto size = topic.size() + 1, padded = (size + 3) / 4 * 4;
     add_little(list, 5, 2);
     add_little(list, 4 + padded, 2);
@@ -92,7 +98,7 @@ class Rtps {
     for (std::size_t i = 0; i < padded; ++i)
       list.push_back(static_cast<std::byte>(i < topic.size() ? topic[i] : 0));
     add(list, {1, 0, 0, 0});
-    return data(1, list, publications);
+    return data(1, list, by);
   }
   Rtps& submessage(unsigned kind, unsigned flags, const Bytes& body) {
     add(bytes, {kind, flags});

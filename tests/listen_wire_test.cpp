@@ -252,6 +252,29 @@ TEST_F(OnTheWire, WriterThatLeapsBeginsAnew) {
   EXPECT_EQ(flow().lost, 0U);
 }
 
+// A writer without a reader sends nothing, and numbers its messages.
+TEST_F(OnTheWire, NumbersWithoutAReaderAreNotLost) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().data(1));
+  arrive(Rtps().announce_reader("rt/map", 1));
+  arrive(Rtps().announce_reader("rt/scan"));  // again
+  arrive(Rtps().data(3));
+  EXPECT_EQ(flow().lost, 1U);  // they had their reader
+  arrive(Rtps().announce_reader("rt/scan", 2));
+  arrive(Rtps().data(100));
+  EXPECT_EQ(flow().lost, 1U);
+  arrive(Rtps().data(102));
+  EXPECT_EQ(flow().lost, 2U);
+  arrive(Rtps().announce_reader("rt/scan", 3));
+  arrive(Rtps().data(102));  // repeated
+  arrive(Rtps().heartbeat(1, 199));
+  arrive(Rtps().gap(150, 200, 0, 0));
+  arrive(Rtps().data(300).data(301));
+  EXPECT_EQ(flow().lost, 2U);
+  EXPECT_EQ(flow().messages, 6U);
+}
+
 TEST_F(OnTheWire, WriterThatRestartsWithItsGuidIsCountedAgain) {
   unsigned second = 0;
   for (unsigned i = 1; i <= 5000; ++i) arrive(Rtps().stamp(++second, 0).data(i));

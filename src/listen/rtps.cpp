@@ -13,7 +13,8 @@ using Bytes = std::span<const std::byte>;
 
 constexpr std::size_t header_bytes = 20;
 constexpr std::size_t longest_name = 256;
-constexpr std::array<std::uint8_t, 4> publications_writer{0x00, 0x00, 0x03, 0xc2};
+constexpr std::array<std::uint8_t, 4> publications_writer{0x00, 0x00, 0x03, 0xc2},
+    subscriptions_writer{0x00, 0x00, 0x04, 0xc2};
 
 // Reads from the front; bytes beyond the end read as zero, and is_beyond() becomes true.
 class Reader {
@@ -206,28 +207,31 @@ Outcome visit(std::span<const std::byte> datagram, const Visitor& visitor) {
   return Datagram(visitor).visit(datagram);
 }
 
-std::optional<Writer> announced(const Data& data) {
-  if (data.fragments || data.payload.size() < 4 ||
-      !std::equal(publications_writer.begin(), publications_writer.end(), data.writer.bytes.begin() + 12))
-    return {};
+std::optional<Endpoint> announced(const Data& data) {
+  const auto is_of = [&](const auto& entity) {
+    return std::equal(entity.begin(), entity.end(), data.writer.bytes.begin() + 12);
+  };
+  const bool is_reader = is_of(subscriptions_writer);
+  if (data.fragments || data.payload.size() < 4 || (!is_reader && !is_of(publications_writer))) return {};
   constexpr std::uint8_t parameters_big_endian = 2, parameters_little_endian = 3;
   const auto form = std::to_integer<std::uint8_t>(data.payload[1]);
   if (data.payload[0] != std::byte{0} || (form != parameters_big_endian && form != parameters_little_endian))
     return {};
   constexpr std::uint16_t sentinel = 1, topic_name = 5, type_name = 7, endpoint_guid = 0x5a;
-  Writer writer;
+  Endpoint endpoint;
+  endpoint.is_reader = is_reader;
   Reader in(data.payload.subspan(4), form == parameters_little_endian);
   while (!in.is_beyond() && !in.rest().empty()) {
     const auto id = static_cast<std::uint16_t>(in.number<std::uint16_t>() & 0x3fffU);
     const auto size = in.number<std::uint16_t>();
     if (id == sentinel || in.rest().size() < size) break;
-    if (id == topic_name) writer.topic = string_of(in, size);
-    if (id == type_name) writer.type = string_of(in, size);
-    if (id == endpoint_guid && size >= 16) writer.guid.bytes = Reader(in).bytes<16>();
+    if (id == topic_name) endpoint.topic = string_of(in, size);
+    if (id == type_name) endpoint.type = string_of(in, size);
+    if (id == endpoint_guid && size >= 16) endpoint.guid.bytes = Reader(in).bytes<16>();
     in.skip(size);
   }
-  if (writer.topic.empty() || writer.guid == Guid{}) return {};
-  return writer;
+  if (endpoint.topic.empty() || endpoint.guid == Guid{}) return {};
+  return endpoint;
 }
 
 std::string text_of(const Guid& guid) {

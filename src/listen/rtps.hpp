@@ -56,12 +56,14 @@ enum class Outcome : std::uint8_t {
 };
 Outcome visit(std::span<const std::byte> datagram, const Visitor&);
 
-// A writer as announced by a discovery message.
-struct Writer {
+// A writer or reader as announced by a discovery message.
+struct Endpoint {
   Guid guid;
   std::string topic, type;
+  bool is_reader = false;
 };
-// Reads a message of the built-in writer of publications; empty: another message, or one without a topic.
-std::optional<Writer> announced(const Data&);
+// Reads a message of the built-in writers of publications and subscriptions; empty: another message, or one
+// without a topic.
+std::optional<Endpoint> announced(const Data&);
 
 }  // namespace ontime::listen::rtps

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <numeric>
-#include <set>
 #include <utility>
 
 #include <fmt/format.h>
@@ -25,25 +24,29 @@ constexpr std::int64_t soonest_restart_ns = 100'000'000;
 
 void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
   // nullptr: the writer is unknown or restarts, or the number is too far ahead.
-  const auto sequence_of = [&](const rtps::Guid& writer, std::uint64_t last) -> Sequence* {
+  const auto stream_with = [&](const rtps::Guid& writer, std::uint64_t last) -> Stream* {
     const auto found = streams_.find(writer);
     if (found == streams_.end() || found->second.is_broken) return nullptr;
-    auto& sequence = found->second.sequence;
-    return last < sequence.next() + longest_leap ? &sequence : nullptr;
+    return last < found->second.sequence.next() + longest_leap ? &found->second : nullptr;
   };
   rtps::Visitor visitor;
   visitor.data = [&](const rtps::Data& data) {
-    if (const auto writer = rtps::announced(data))
-      name_topic(writer->guid, writer->topic);
+    if (const auto endpoint = rtps::announced(data))
+      note(*endpoint);
     else if (data.writer.is_user_endpoint())
       add(at_ns, datagram, data);
   };
   visitor.gap = [&](const rtps::Gap& gap) {
-    if (auto* const sequence = sequence_of(gap.writer, gap.last)) sequence->pass_over(gap.first, gap.last);
+    auto* const stream = stream_with(gap.writer, gap.last);
+    if (stream == nullptr) return;
+    if (stream->has_new_reader) pass_over_before(*stream, gap.first);
+    stream->sequence.pass_over(gap.first, gap.last);
   };
   visitor.heartbeat = [&](const rtps::Heartbeat& heartbeat) {
-    if (auto* const sequence = sequence_of(heartbeat.writer, heartbeat.last))
-      sequence->announce(heartbeat.last);
+    auto* const stream = stream_with(heartbeat.writer, heartbeat.last);
+    if (stream == nullptr) return;
+    if (stream->has_new_reader) pass_over_before(*stream, heartbeat.last + 1);
+    stream->sequence.announce(heartbeat.last);
   };
   if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut || datagram.is_cut) {
     ++cut_;
@@ -51,8 +54,22 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
   }
 }
 
+void Wire::note(const rtps::Endpoint& endpoint) {
+  if (!endpoint.is_reader) return name_topic(endpoint.guid, endpoint.topic);
+  if (readers_.size() == most_names || !readers_.insert(endpoint.guid).second) return;
+  const auto topic = ros_name(endpoint.topic);
+  for (auto& [writer, stream] : streams_) stream.has_new_reader |= topic_of(writer) == topic;
+}
+
 void Wire::name_topic(const rtps::Guid& writer, const std::string& dds_topic) {
-  if (topics_.size() < most_names || topics_.contains(writer)) topics_[writer] = ros_name(dds_topic);
+  if (const auto known = topics_.find(writer); known != topics_.end()) {
+    known->second = ros_name(dds_topic);
+    return;
+  }
+  if (topics_.size() == most_names) return;
+  topics_[writer] = ros_name(dds_topic);
+  // Its reader may have been announced before.
+  if (const auto found = streams_.find(writer); found != streams_.end()) found->second.has_new_reader = true;
 }
 
 void Wire::interrupt() {
@@ -114,6 +131,12 @@ bool Wire::began_again(const Stream& stream, const rtps::Data& data) {
          stream.latest_stamp_ns > 0 && data.stamp_ns > stream.latest_stamp_ns + soonest_restart_ns;
 }
 
+// A writer without a reader sends nothing, and numbers its messages.
+void Wire::pass_over_before(Stream& stream, std::uint64_t number) {
+  auto& sequence = stream.sequence;
+  if (sequence.has_begun() && number > sequence.next()) sequence.pass_over(sequence.next(), number - 1);
+}
+
 // The next message has any number. Losses until now stay.
 void Wire::restart(Stream& stream) {
   keep_all_losses(stream);
@@ -136,6 +159,10 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
     restart(*stream);
     stream->is_broken = true;
+  }
+  if (stream->has_new_reader && data.sequence >= stream->sequence.next()) {
+    pass_over_before(*stream, data.sequence);
+    stream->has_new_reader = false;
   }
   const auto fate = stream->sequence.see(data.sequence);
   // A copy to another destination is for another reader. On another interface it is the same packet, or one

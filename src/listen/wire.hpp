@@ -5,6 +5,7 @@
 
 #include <deque>
 #include <map>
+#include <set>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -57,15 +58,19 @@ class Wire {
     std::int64_t last_stamp_ns = 0;
     std::int64_t latest_stamp_ns = 0;  // of all; 0: unknown
     bool is_broken = false;
+    // A reader was announced since the latest number: numbers until the next one may have had no reader.
+    bool has_new_reader = false;
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the largest number of a message that arrived
     std::map<Way, Sequence> ways;
     bool is_one_host = false;
     std::deque<Partial> partial;  // in order of arrival
   };
+  void note(const rtps::Endpoint&);
   Stream* stream_of(const rtps::Guid&);
   static bool began_again(const Stream&, const rtps::Data&);
   void restart(Stream&);
+  static void pass_over_before(Stream&, std::uint64_t number);
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
@@ -79,6 +84,7 @@ class Wire {
   const Limits limits_;
   const bool sees_gaps_;
   std::map<rtps::Guid, std::string> topics_;
+  std::set<rtps::Guid> readers_;  // announced
   std::map<rtps::Guid, Stream> streams_;
   Misses misses_;
   KeepRow keep_row_;
