@@ -7,7 +7,6 @@
 
 #include "listen_chains.hpp"
 #include "listen_words.hpp"
-#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -31,13 +30,14 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
     return 1;
   }
   const auto lacks_periods = [](const listen::Flow& flow) {
-    return flow.period.count() == 0 && flow.not_judged > 0;
+    return flow.period.count() == 0 && (flow.not_judged > 0 || flow.messages > 1);
   };
   if (const auto found = std::ranges::find_if(findings.flows, lacks_periods);
       limits.longest_gap() && found != findings.flows.end()) {
-    print_error(fmt::format(
-        "open: no period of {} is judged: ontime was setting or removing probes. Fix: listen longer",
-        table::printable(found->topic)));
+    print_error(fmt::format("open: no period of {} is judged: {}", topic_of(found->topic),
+                            found->not_judged > 0
+                                ? "ontime was setting or removing probes. Fix: listen longer"
+                                : "messages between those that were seen are unknown"));
     return 1;
   }
   return std::ranges::any_of(findings.flows,

@@ -18,10 +18,6 @@ using app::json_of;
 using nlohmann::ordered_json;
 using table::grouped;
 
-std::string topic_of(const std::string& topic) {
-  return topic.empty() ? "(unknown topic)" : table::printable(topic);
-}
-
 std::string spread_of(const listen::Distribution& values) {
   if (values.count() == 0) return "unknown";
   auto max = in_ms(values.max_ns());
@@ -70,6 +66,10 @@ ordered_json json_of(const std::optional<Value>& value) {
 }
 
 }  // namespace
+
+std::string topic_of(const std::string& topic) {
+  return topic.empty() ? "(unknown topic)" : table::printable(topic);
+}
 
 std::string labelled(const std::string& label, const std::string& text) {
   return table::labelled(label, text, 9, 80);

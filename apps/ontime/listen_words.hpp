@@ -21,6 +21,7 @@ std::string in_ms(std::int64_t ns);  // "0.123", "12.34", "123.4"
 std::string in_rounded_ms(std::int64_t ns);
 std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
+std::string topic_of(const std::string& topic);                   // "(unknown topic)" where it has no name
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
 std::string time_of_silence(std::int64_t ns);                     // "2.0 s", "40.0 ms"
 std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"

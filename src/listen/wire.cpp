@@ -284,8 +284,8 @@ Findings Wire::findings() const {
   std::ranges::sort(findings.flows, {},
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });
   if (cut_ > 0)
-    findings.add_incomplete(
-        fmt::format("{} datagrams were captured only in part: losses across them are not counted", cut_));
+    findings.add_incomplete(fmt::format(
+        "{} datagrams were captured only in part: losses and periods across them are not counted", cut_));
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are not counted: there are more than {} writers", left_out_, most_writers));

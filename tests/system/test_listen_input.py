@@ -61,15 +61,15 @@ class Input(unittest.TestCase):
         # Of a topic's reader the domain is checked first, with whatever transport is installed.
         self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
 
-    def capture(self, messages):
-        """One each second, from a writer without a name."""
+    def capture(self, messages, kept=65535):
+        """One each second, from a writer without a name; of each packet so many bytes are kept."""
         def packet(number):
             data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
             rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
             udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
             ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
             return bytes(12) + b"\x08\0" + ip
-        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)), len(packet(number))) + packet(number) for number in range(1, messages + 1))
+        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)[:kept]), len(packet(number))) + packet(number)[:kept] for number in range(1, messages + 1))
         path = self.folder / "robot.pcap"
         path.write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(packets))
         return path
@@ -116,6 +116,13 @@ class Input(unittest.TestCase):
         for full in ((), ("--full",)):
             told = subprocess.run([ONTIME, "report", results, *full], check=True, capture_output=True, text=True, timeout=60).stdout
             self.assertIn("the capture cannot be read to its end: truncated", " ".join(told.split()))
+
+    def test_limit_is_open_where_the_capture_has_only_the_beginnings_of_packets(self):
+        done = subprocess.run([ONTIME, "listen", "--pcap", self.capture(100, kept=90), "--deadline", "500 ms"],
+                              capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 1, done.stdout)
+        self.assertIn("open: no period of (unknown topic)", done.stderr)
+        self.assertIn("100 datagrams were captured only in part", done.stderr)
 
     def test_empty_capture_has_no_messages(self):
         (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
