@@ -146,6 +146,15 @@ TEST_F(OnTheWire, MessagesWithoutAStampAmongStampedOnesAreCounted) {
   EXPECT_EQ(flow().age_unknown, 1U);
 }
 
+TEST_F(OnTheWire, StampOfAnotherClockGivesNoAge) {
+  at_ns = 1'700'000'000'000'000'000;
+  for (unsigned i = 1; i <= 5; ++i) arrive(Rtps().stamp(0, 0).data(i), "10.0.0.1:7411", true);
+  for (unsigned i = 6; i <= 9; ++i) arrive(Rtps().stamp(1000 + i, 0).data(i), "10.0.0.1:7411", true);
+  EXPECT_FALSE(flow().age);
+  EXPECT_EQ(flow().age_unknown, 9U);
+  EXPECT_EQ(flow().period.count(), 8U);
+}
+
 TEST_F(OnTheWire, LateRowIsMarkedIfItsMessageHadALossRow) {
   std::vector<std::pair<std::uint64_t, bool>> back;  // index, was_lost
   std::uint64_t lost = 0;

@@ -2,6 +2,7 @@
 #include "listen/wire.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <numeric>
 #include <utility>
 
@@ -19,6 +20,8 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 constexpr std::uint64_t doubtful = 64;
 constexpr std::int64_t doubtful_ns = 10'000'000'000;
 constexpr std::int64_t soonest_restart_ns = 100'000'000;
+// A stamp further from its arrival is by another clock, such as simulated time, or not set.
+constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
 }  // namespace
 
@@ -196,7 +199,8 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns, is_late);
     if (is_late) miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
   }
-  if (stream.is_one_host && data.stamp_ns) {
+  const bool has_age = stream.is_one_host && data.stamp_ns && std::abs(at_ns - *data.stamp_ns) <= one_year_ns;
+  if (has_age) {
     const auto age = at_ns - *data.stamp_ns;
     if (!stream.age) stream.age.emplace();
     stream.age->add(age);
@@ -221,7 +225,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     });
   }
   stream.late += is_late ? 1 : 0;
-  if (stream.is_one_host) stream.age_unknown = stream.age_unknown.value_or(0) + (data.stamp_ns ? 0 : 1);
+  if (stream.is_one_host) stream.age_unknown = stream.age_unknown.value_or(0) + (has_age ? 0 : 1);
 }
 
 // A lost message has no stamp: its writer is taken to have published evenly. Of a large hole only the latest
