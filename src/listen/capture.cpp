@@ -164,6 +164,8 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
   if (error < 0)
     throw Error(
         fmt::format("listen: {}: {}. List the interfaces: ip link", interface, pcap_geterr(handle.get())));
+  // Of "any": the newer header names the interface. A bridged packet, or one of a VLAN, passes several.
+  if (pcap_datalink(handle.get()) == DLT_LINUX_SLL) pcap_set_datalink(handle.get(), DLT_LINUX_SLL2);
   bpf_program filter{};
   if (pcap_compile(handle.get(), &filter, wanted, 1, PCAP_NETMASK_UNKNOWN) == 0)
     pcap_setfilter(handle.get(), &filter);

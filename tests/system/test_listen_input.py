@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files and flags of `ontime listen` that need no node: captures, and what is refused."""
 
+import itertools
 import json
 import os
 import pathlib
 import shutil
+import socket
 import struct
 import subprocess
 import tempfile
+import time
 import unittest
 
 from program import ONTIME
@@ -61,18 +64,37 @@ class Input(unittest.TestCase):
         # Of a topic's reader the domain is checked first, with whatever transport is installed.
         self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
 
+    def packet(self, number):
+        """From a writer without a name."""
+        data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
+        rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
+        udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
+        ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
+        return bytes(12) + b"\x08\0" + ip
+
     def capture(self, messages, kept=65535):
-        """One each second, from a writer without a name; of each packet so many bytes are kept."""
-        def packet(number):
-            data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
-            rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
-            udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
-            ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
-            return bytes(12) + b"\x08\0" + ip
-        packets = (struct.pack("<IIII", 1000 + number, 0, len(packet(number)[:kept]), len(packet(number))) + packet(number)[:kept] for number in range(1, messages + 1))
+        """One each second; of each packet so many bytes are kept."""
+        packets = ((number, self.packet(number)) for number in range(1, messages + 1))
         path = self.folder / "robot.pcap"
-        path.write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(packets))
+        path.write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(
+            struct.pack("<IIII", 1000 + number, 0, len(packet[:kept]), len(packet)) + packet[:kept] for number, packet in packets))
         return path
+
+    @unittest.skipUnless(os.geteuid() == 0, "interfaces need root")
+    def test_packet_that_passes_two_interfaces_is_one_message(self):
+        subprocess.run("ip link add v0 type veth peer name v1 && ip link set v0 up && ip link set v1 up", shell=True, check=True)
+        self.addCleanup(subprocess.run, ["ip", "link", "del", "v0"], check=True)
+        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
+            wire.bind(("v0", 0))
+            with subprocess.Popen([ONTIME, "listen", "--packets", "any", "--for", "1s", "--format", "json"], stdout=subprocess.PIPE) as listener:
+                for number in itertools.count(1):
+                    if listener.poll() is not None:
+                        break
+                    wire.send(self.packet(number))
+                    time.sleep(0.01)
+                flow, = json.load(listener.stdout)["flows"]
+        self.assertGreater(flow["messages"], 1)
+        self.assertEqual((flow["lost"], flow["duplicated"]), (0, 0))
 
     def test_late_messages_beyond_those_that_are_listed_are_counted(self):
         arguments = [ONTIME, "listen", "--pcap", self.capture(3000), "--deadline", "500 ms"]
