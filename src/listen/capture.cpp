@@ -17,7 +17,8 @@
 namespace ontime::listen {
 namespace {
 
-constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
+// Over loopback a frame may be longer than 64 KiB: an IP packet of 65,535 bytes, and the headers before it.
+constexpr int most_frame_bytes = 1 << 17, ring_bytes = 16 << 20;
 // Per call: fewer than the ring holds, so that drops are noted before the packets behind them are read.
 constexpr int most_packets = 64;
 constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; the year 2096
