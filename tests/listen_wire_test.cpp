@@ -284,6 +284,18 @@ TEST_F(OnTheWire, NumbersWithoutAReaderAreNotLost) {
   EXPECT_EQ(flow().messages, 6U);
 }
 
+TEST_F(OnTheWire, MessageThatANewReaderHasInFragmentsIsCounted) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().data(1));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().fragment(50, 1, 1, 2));
+  arrive(Rtps().data(51));
+  EXPECT_EQ(flow().lost, 1U);
+  arrive(Rtps().fragment(50, 2, 1, 2));
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().messages, 3U);
+}
+
 TEST_F(OnTheWire, WriterThatRestartsWithItsGuidIsCountedAgain) {
   unsigned second = 0;
   for (unsigned i = 1; i <= 5000; ++i) arrive(Rtps().stamp(++second, 0).data(i));

@@ -157,15 +157,15 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     restart(*stream);
     stream->partial.clear();
   }
+  if (stream->has_new_reader && data.sequence >= stream->sequence.next()) {
+    pass_over_before(*stream, data.sequence);
+    stream->has_new_reader = false;
+  }
   if (data.fragments && !completes(*stream, data)) return;
   if (stream->is_broken ||
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
     restart(*stream);
     stream->is_broken = true;
-  }
-  if (stream->has_new_reader && data.sequence >= stream->sequence.next()) {
-    pass_over_before(*stream, data.sequence);
-    stream->has_new_reader = false;
   }
   const auto fate = stream->sequence.see(data.sequence);
   // A copy to another destination is for another reader. On another interface it is the same packet, or one
