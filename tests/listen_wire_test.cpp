@@ -244,6 +244,16 @@ TEST_F(OnTheWire, NothingIsLostAcrossDropsOfTheCapture) {
   EXPECT_EQ(flow().period.count(), 1U);
 }
 
+TEST_F(OnTheWire, AnnouncedMessageIsNotLostIfTheCaptureDropsPackets) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().data(3));
+  arrive(Rtps().heartbeat(1, 4));
+  wire.interrupt();
+  arrive(Rtps().data(4));
+  arrive(Rtps().data(5));
+  EXPECT_EQ(flow().lost, 1U);  // 2
+}
+
 TEST_F(OnTheWire, NothingIsLostBeforeAGapOrAnEndAfterDropsOfTheCapture) {
   arrive(Rtps().data(1));
   wire.interrupt();

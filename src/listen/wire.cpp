@@ -142,6 +142,8 @@ void Wire::pass_over_before(Stream& stream, std::uint64_t number) {
 
 // The next message has any number. Losses until now stay.
 void Wire::restart(Stream& stream) {
+  // What was announced after the latest message may be among the packets that were not captured.
+  if (stream.last_seen > 0) stream.sequence.pass_over(stream.last_seen + 1, stream.sequence.next() - 1);
   keep_all_losses(stream);
   stream.sequence.restart();
   for (auto& [way, sequence] : stream.ways) sequence.restart();
