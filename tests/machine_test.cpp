@@ -54,6 +54,7 @@ TEST(Proc, PreemptionBySurestWord) {
   EXPECT_EQ(preemption("0\n", "none (voluntary) full\n", "preempt=full", debian), "voluntary");
   EXPECT_EQ(preemption({}, "none voluntary full (lazy)\n", "", debian), "lazy");
   EXPECT_EQ(preemption({}, {}, "quiet preempt=full ro", debian), "full");
+  EXPECT_EQ(preemption({}, {}, "preempt=voluntary ro preempt=full", debian), "full") << "the last one counts";
   EXPECT_EQ(preemption({}, {}, "nopreempt=full", debian), "dynamic");
   EXPECT_EQ(preemption({}, {}, "", "#1 SMP PREEMPT Mon"), "full");
   EXPECT_EQ(preemption({}, {}, "", "#1 SMP Mon"), "none or voluntary");

@@ -42,9 +42,12 @@ std::optional<std::string> preemption(const std::optional<std::string>& realtime
       return debug->substr(open + 1, close - open - 1);
   }
   if (says(version, "PREEMPT_DYNAMIC")) {
-    for (const auto* model : {"none", "voluntary", "full", "lazy"})
-      if (says(command_line, std::string("preempt=") + model)) return model;
-    return "dynamic";
+    std::string chosen = "dynamic";  // a loader adds words of its own: the kernel takes the last one
+    std::istringstream words(command_line);
+    for (std::string word; words >> word;)
+      for (const auto* model : {"none", "voluntary", "full", "lazy"})
+        if (word == std::string("preempt=") + model) chosen = model;
+    return chosen;
   }
   if (says(version, "PREEMPT")) return "full";
   if (says(version, "PREEMPT_LAZY")) return "lazy";
