@@ -125,6 +125,14 @@ TEST_F(Machine, ThrottlesRealTime) {
   EXPECT_EQ(severity("rt-throttling"), Severity::hint);
   for (const auto* off : {"-1", "1000000"})
     EXPECT_EQ(severity("rt-throttling", "/proc/sys/kernel/sched_rt_runtime_us", off), Severity::fine);
+  file("/proc/sys/kernel/sched_rt_runtime_us", "950000");
+  EXPECT_EQ(severity("rt-throttling", "/proc/version", "Linux version 6.11.9-rt (x) #1"), Severity::hint);
+  file("/proc/version", "Linux version 6.12.0 (x) #1 SMP PREEMPT_RT");
+  EXPECT_EQ(severity("rt-throttling"), Severity::fine) << "the limit is for deadline threads alone";
+  EXPECT_THAT(one("rt-throttling").is, HasSubstr("fair server"));
+  file("/proc/self/cgroup", "1:cpu:/");
+  EXPECT_EQ(severity("rt-throttling", "/sys/fs/cgroup/cpu/cpu.rt_runtime_us", "950000"), Severity::hint)
+      << "CONFIG_RT_GROUP_SCHED still has it";
   EXPECT_EQ(severity("fair-server", "/sys/kernel/debug/sched/fair_server/cpu0/runtime", "50000000"),
             Severity::hint);
   EXPECT_THAT(one("fair-server").remedy, StartsWith("sudo sh -c 'for f in /sys/kernel/debug/"))

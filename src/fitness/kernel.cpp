@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernel: preemption, throttling, timers, clocks.
+#include <algorithm>
+#include <cstdio>
 #include <sstream>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "fitness/look.hpp"
 #include "machine/machine.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -21,6 +25,17 @@ std::string how_to_install_rt(const Look& look) {
   if (is("ubuntu")) return "sudo pro attach && sudo pro enable realtime-kernel (Ubuntu Pro), and reboot";
   if (is("debian")) return "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot";
   return "install a PREEMPT_RT kernel of your distribution, and reboot";
+}
+
+// Since Linux 6.12 the fair server is there instead; only control groups that have a budget are throttled.
+bool throttles(const Look& look) {
+  int major = 0, minor = 0;
+  const auto version = look.text("/proc/version").value_or("");
+  if (std::sscanf(version.c_str(), "Linux version %d.%d", &major, &minor) != 2 ||
+      std::pair(major, minor) < std::pair(6, 12))
+    return true;
+  return std::ranges::any_of(realtime::budget_files(look.text("/proc/self/cgroup").value_or("")),
+                             [&](const auto& file) { return look.exists(file); });
 }
 
 }  // namespace
@@ -49,6 +64,9 @@ Findings throttling(const Look& look) {
              period = look.number("/proc/sys/kernel/sched_rt_period_us");
   if (!runtime || !period) return {};
   if (*runtime < 0 || *runtime >= *period) return {fine("off")};
+  if (!throttles(look))
+    return {
+        fine("Linux 6.12 and later have the fair server instead, unless built with CONFIG_RT_GROUP_SCHED")};
   return {{Severity::hint, fmt::format("real-time threads get at most {} of every {} µs", *runtime, *period),
            "off, if no real-time thread runs forever",
            "real-time threads that run longer, all together, are stopped until the period ends",
