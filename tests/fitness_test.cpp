@@ -178,6 +178,8 @@ TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
   file("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us", "0");
   EXPECT_THAT(one("priority-budget").remedy, HasSubstr("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us"));
   EXPECT_EQ(severity("priority-budget"), Severity::wrong);
+  file("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us", "-1");
+  EXPECT_EQ(one("priority-budget").is, "unlimited");
 }
 
 TEST_F(Machine, HasCpusThatAreFastAndAwake) {

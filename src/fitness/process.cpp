@@ -69,7 +69,8 @@ Findings priority_budget(const Look& look) {
   for (const auto& file : realtime::budget_files(look.text("/proc/self/cgroup").value_or(""))) {
     const auto budget = look.number(file);
     if (!budget) continue;
-    if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
+    if (*budget < 0) return {fine("unlimited")};
+    if (*budget > 0) return {fine(fmt::format("{} µs of each period", *budget))};
     return {{Severity::wrong, "0 µs: this control group has no real-time budget", "more than 0 µs",
              "no program in it can have a real-time priority, not even as root",
              fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
