@@ -19,6 +19,7 @@
 #include <sched.h>
 #include <signal.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -180,6 +181,9 @@ TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
     const sched_param high{50};
     const bool realtime = sched_setscheduler(0, SCHED_FIFO, &high) == 0;
     sched_setaffinity(0, sizeof one, &one);
+    constexpr int of_process = 1, only_when_idle = 3 << 13;  // of ioprio_set(2)
+    syscall(SYS_ioprio_set, of_process, 0, only_when_idle);
+    setpriority(PRIO_PROCESS, 0, 19);
     pthread_sigmask(SIG_SETMASK, &all, nullptr);
     signal(SIGPIPE, SIG_IGN);
     const auto running = stress(few_, directory_);
@@ -187,6 +191,9 @@ TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
     EXPECT_GE(some.size(), 5u);
     for (const auto& process : some) {
       EXPECT_EQ(sched_getscheduler(process.pid), SCHED_OTHER) << process.name;
+      EXPECT_EQ(getpriority(PRIO_PROCESS, static_cast<id_t>(process.pid)), geteuid() == 0 ? 0 : 19)
+          << process.name;
+      EXPECT_NE(syscall(SYS_ioprio_get, of_process, process.pid), only_when_idle) << process.name;
       cpu_set_t cpus;
       EXPECT_EQ(sched_getaffinity(process.pid, sizeof cpus, &cpus), 0);
       EXPECT_TRUE(CPU_EQUAL(&cpus, &before)) << process.name;
