@@ -126,6 +126,16 @@ TEST_F(Settings, TakenBackAreNotTakenBackAgain) {
   EXPECT_EQ(read_file(one_), "performance");
 }
 
+// It is killed after it has restored all, and before it says so in the journal.
+TEST_F(Settings, AKilledRevertLeavesNothingThatAnotherProgramWouldHaveChanged) {
+  const auto path = plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "first", "second"},
+                                                                 {"governor", "", one_, "second", "third"}}));
+  write_file(one_, "first");
+  EXPECT_THAT(revert_abandoned(settings), IsEmpty());
+  EXPECT_EQ(read_file(one_), "first");
+  EXPECT_FALSE(fs::exists(path));
+}
+
 TEST_F(Settings, AJournalThatIsFullRefusesAndIsKeptUsable) {
   Journal journal(settings);
   const std::string much(100'000, 'x');

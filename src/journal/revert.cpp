@@ -93,6 +93,12 @@ struct Told {
     }
     lines[index] = std::move(line);
   }
+  void forget(const Entry& entry) {
+    const auto known = std::ranges::find_if(of, [&](const Entry* one) { return is_of(*one, entry); });
+    if (known == of.end()) return;
+    lines.erase(lines.begin() + (known - of.begin()));
+    of.erase(known);
+  }
 };
 
 std::string by_hand(const std::string& path) {
@@ -123,6 +129,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
                               : fmt::format("removed {} {}, left by {}", entry.kind, entry.what, whose));
           break;
         case Fate::nothing_there:
+          left.forget(entry);  // as it was before all changes: a revert was killed before it noted that
           break;
         case Fate::not_ours:
           left.say(entry, fmt::format("left {} {} as it is: another program has changed it since {} did{}",
