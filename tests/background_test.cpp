@@ -337,6 +337,12 @@ TEST(LoadsRoom, DefaultsAreReducedAndReportedIfRoomIsSmall) {
               AllOf(HasSubstr("75 MiB"), HasSubstr("256 MiB"), HasSubstr("300 MiB"), HasSubstr("1024 MiB")));
 }
 
+TEST(LoadsRoom, HddWorkersThatWriteToMemoryAreReported) {
+  Room room{4096 * mebibyte, 8192 * mebibyte, true};
+  EXPECT_THAT(fit({.hdd = 1}, room).scaled, AllOf(HasSubstr("tmpfs"), HasSubstr("TMPDIR")));
+  EXPECT_EQ(fit({.vm = 1}, room).scaled, "");
+}
+
 TEST(LoadsRoom, StatedSizesThatHaveNoRoomAreRefused) {
   const auto refused = [](const Workers& workers, Room room) {
     try {

@@ -32,8 +32,9 @@ struct Room {
 };
 Room room_for(const std::string& directory);
 struct Fitted {
-  Workers workers;     // with all sizes stated
-  std::string scaled;  // which default was too large here, for people; "": none
+  Workers workers;  // with all sizes stated
+  // Which default was too large here, and whether the disk is memory, for people; "": neither.
+  std::string scaled;
 };
 // A size that is not stated is the paper's: 256 MiB for each vm worker and 1 GiB for each hdd worker, or less
 // if the room is smaller. Subtracts it from the room. Throws Error if a stated size does not fit.

@@ -77,6 +77,11 @@ Fitted fit(const Workers& stated, Room& room) {
       size_of_each("hdd", workers.hdd, workers.hdd_bytes, usual_hdd_bytes, disk,
                    room.disk_is_memory ? "memory (the temporary folder is a tmpfs)" : "disk", fitted.scaled);
   const auto written = workers.hdd_bytes * static_cast<std::uint64_t>(std::max(workers.hdd, 0));
+  if (written > 0 && room.disk_is_memory)
+    fitted.scaled += fmt::format(
+        "{}hdd workers write to memory, not to a disk: the temporary folder is a tmpfs. Fix: set TMPDIR to a "
+        "folder on a disk, such as /var/tmp",
+        fitted.scaled.empty() ? "load: " : "; ");
   room.disk_bytes -= written;
   if (room.disk_is_memory) room.memory_bytes -= written;
   return fitted;
