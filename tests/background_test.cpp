@@ -337,6 +337,13 @@ TEST(LoadsRoom, DefaultsAreReducedAndReportedIfRoomIsSmall) {
               AllOf(HasSubstr("75 MiB"), HasSubstr("256 MiB"), HasSubstr("300 MiB"), HasSubstr("1024 MiB")));
 }
 
+TEST(LoadsRoom, IsNotMoreThanItsControlGroupHasLeft) {
+  EXPECT_EQ(room_for("/", machine::GroupMemory{100 * mebibyte, 30 * mebibyte}).memory_bytes, 60 * mebibyte);
+  EXPECT_EQ(room_for("/", machine::GroupMemory{100 * mebibyte, 200 * mebibyte}).memory_bytes, 0u);
+  EXPECT_GT(room_for("/", {}).memory_bytes, 60 * mebibyte);
+  EXPECT_GT(room_for("/", machine::GroupMemory{UINT64_MAX, 30 * mebibyte}).memory_bytes, 60 * mebibyte);
+}
+
 TEST(LoadsRoom, HddWorkersThatWriteToMemoryAreReported) {
   Room room{4096 * mebibyte, 8192 * mebibyte, true};
   EXPECT_THAT(fit({.hdd = 1}, room).scaled, AllOf(HasSubstr("tmpfs"), HasSubstr("TMPDIR")));

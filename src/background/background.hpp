@@ -13,6 +13,7 @@
 
 #include "conditions/around.hpp"
 #include "journal/journal.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::background {
 
@@ -25,12 +26,14 @@ struct Error : std::runtime_error {
 // Files of control groups (cgroup.procs) that a process enters before it is anything else.
 using Groups = std::vector<std::string>;
 
-// Memory and disk that load may use: what is available, less a reserve for the machine.
+// Memory and disk that load may use: what is available, also in the caller's control group, less a reserve
+// for all others.
 struct Room {
   std::uint64_t memory_bytes, disk_bytes;
   bool disk_is_memory;  // as on a tmpfs
 };
-Room room_for(const std::string& directory);
+Room room_for(const std::string& directory,
+              const std::optional<machine::GroupMemory>& = machine::group_memory());
 struct Fitted {
   Workers workers;  // with all sizes stated
   // Which default was too large here, and whether the disk is memory, for people; "": neither.

@@ -52,7 +52,7 @@ std::uint64_t size_of_each(const char* kind, int workers, std::uint64_t stated, 
 
 }  // namespace
 
-Room room_for(const std::string& directory) {
+Room room_for(const std::string& directory, const std::optional<machine::GroupMemory>& group) {
   std::map<std::string, std::uint64_t> kilobytes;
   std::ifstream file("/proc/meminfo");
   std::string name, unit;
@@ -62,8 +62,10 @@ Room room_for(const std::string& directory) {
     throw Error(fmt::format("load: cannot read the free space of {}: {}", directory,
                             std::generic_category().message(errno)));
   const auto block = static_cast<std::uint64_t>(disk.f_bsize);
-  return {without(kilobytes["MemAvailable:"] * 1024, reserve_of(kilobytes["MemTotal:"] * 1024)),
-          without(disk.f_bavail * block, reserve_of(disk.f_blocks * block)), disk.f_type == TMPFS_MAGIC};
+  auto memory = without(kilobytes["MemAvailable:"] * 1024, reserve_of(kilobytes["MemTotal:"] * 1024));
+  if (group) memory = std::min(memory, without(group->left_bytes(), reserve_of(group->limit_bytes)));
+  return {memory, without(disk.f_bavail * block, reserve_of(disk.f_blocks * block)),
+          disk.f_type == TMPFS_MAGIC};
 }
 
 Fitted fit(const Workers& stated, Room& room) {
