@@ -290,6 +290,24 @@ TEST_F(Load, EachHddWorkerWritesTheSizeThatIsStated) {
   EXPECT_TRUE(wait_until([&] { return largest_file() == 8 * mebibyte; }, 30s));
 }
 
+// Of the calling thread.
+void drop(int capability) {
+  __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+  std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> sets{};
+  ASSERT_EQ(syscall(SYS_capget, &header, sets.data()), 0);
+  sets[0].effective &= ~(1U << static_cast<unsigned>(capability));
+  ASSERT_EQ(syscall(SYS_capset, &header, sets.data()), 0);
+}
+
+// As in a container: only SYS_PTRACE may look into the files of another user.
+TEST_F(Load, SizesOfFilesThatMayNotBeSeenAreUnknown) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  std::thread([&] {
+    drop(CAP_SYS_PTRACE);
+    EXPECT_EQ(stress({.hdd = 1, .hdd_bytes = 8 * mebibyte}, directory_)->hdd_bytes(), std::nullopt);
+  }).join();
+}
+
 TEST_F(Load, OfRootRunsAsNobodyWithoutPrivileges) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   const auto running = stress(few_, directory_);
@@ -421,11 +439,7 @@ TEST_F(Load, IsNotStartedByARootThatLacksACapability) {
   for (const auto& [capability, name] :
        {std::pair(CAP_KILL, "KILL"), {CAP_CHOWN, "CHOWN"}, {CAP_DAC_OVERRIDE, "DAC_OVERRIDE"}})
     std::thread([&, capability = capability, name = name] {
-      __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
-      std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> sets{};
-      ASSERT_EQ(syscall(SYS_capget, &header, sets.data()), 0);
-      sets[0].effective &= ~(1U << capability);
-      ASSERT_EQ(syscall(SYS_capset, &header, sets.data()), 0);
+      drop(capability);
       EXPECT_THAT(error_of({1}, directory_), HasSubstr(fmt::format("--cap-add {}", name)));
     }).join();
 }

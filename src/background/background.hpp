@@ -54,8 +54,9 @@ class StressLoad {
   virtual std::string name() const = 0;        // for people: "stress-ng (process 4711)"
   virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: no vm worker
   // Looks at the file of each hdd worker, and returns the smallest of the largest sizes seen of each; 0: none
-  // yet. Call it now and then: a file grows and is then started anew.
-  virtual std::uint64_t hdd_bytes() = 0;
+  // yet; nullopt: the kernel does not show the files to this process. Call it now and then: a file grows and
+  // is then started anew.
+  virtual std::optional<std::uint64_t> hdd_bytes() = 0;
 };
 // stress-ng as an ordinary process (SCHED_OTHER and any CPU, whatever the caller has; user nobody if the
 // caller is root), with its temporary files in `directory`, in these groups. Returns once its workers run,

@@ -98,15 +98,19 @@ class HddFiles {
     for (const auto& process : processes())
       if (process.parent == leader && process.name.starts_with("stress-ng-hdd")) largest_[process.pid] = 0;
   }
-  std::uint64_t look() {
+  std::optional<std::uint64_t> look() {
     namespace fs = std::filesystem;
     std::error_code none;
     for (auto& [pid, largest] : largest_) {
       fs::directory_iterator entry(fmt::format("/proc/{}/fd", pid), none);
       // A worker may end meanwhile: `++` would throw then.
-      for (; entry != fs::directory_iterator(); entry.increment(none))
-        if (fs::read_symlink(entry->path(), none).string().find("/stress-ng-hdd") != std::string::npos)
+      for (; entry != fs::directory_iterator(); entry.increment(none)) {
+        const auto file = fs::read_symlink(entry->path(), none).string();
+        if (none == std::errc::permission_denied) return {};
+        if (file.find("/stress-ng-hdd") != std::string::npos)
           if (const auto size = fs::file_size(entry->path(), none); !none) largest = std::max(largest, size);
+      }
+      if (none == std::errc::permission_denied) return {};
     }
     const auto smallest = std::ranges::min_element(largest_, {}, &decltype(largest_)::value_type::second);
     return smallest == largest_.end() ? 0 : smallest->second;
@@ -148,7 +152,7 @@ class Stress final : public StressLoad {
         files_(std::move(files)) {}
   bool running() override { return !child_->ended() && children_of(child_->pid()) >= workers_; }
   std::uint64_t vm_bytes() const override { return vm_bytes_; }
-  std::uint64_t hdd_bytes() override { return files_.look(); }
+  std::optional<std::uint64_t> hdd_bytes() override { return files_.look(); }
   bool end() override { return child_->end(); }
   std::string name() const override { return fmt::format("stress-ng (process {})", child_->pid()); }
 
@@ -190,7 +194,9 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
     const auto smallest = mapped.empty() ? 0 : *std::min_element(mapped.begin(), mapped.end());
     HddFiles files(child->pid());
     if (workers.hdd > 0 && workers.hdd_bytes <= small_file_bytes)
-      wait_until([&] { return child->ended() || files.look() >= workers.hdd_bytes; }, longest_look);
+      wait_until(
+          [&] { return child->ended() || files.look().value_or(workers.hdd_bytes) >= workers.hdd_bytes; },
+          longest_look);
     return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest, std::move(files));
   }
   auto what = child->ended()     ? "ended at once"
