@@ -49,20 +49,43 @@ nlohmann::json both(double sent, nlohmann::json received, bool running = true) {
 }
 
 TEST(Achieved, ShortfallIsLessThan95PercentArrived) {
-  const Traffic traffic{Traffic::Direction::to_component, 80'000'000};
-  const auto enough = achieved(traffic, both(80e6, 76e6));
+  campaign::Run run;
+  run.traffic = {Traffic::Direction::to_component, 80'000'000};
+  const auto enough = achieved(run, both(80e6, 76e6));
   EXPECT_EQ(enough.at("to_component").received_bit_s, 76e6);
   EXPECT_TRUE(shortfalls(enough).empty());
   EXPECT_THAT(
-      shortfalls(achieved(traffic, both(80e6, 75.9e6))),
+      shortfalls(achieved(run, both(80e6, 75.9e6))),
       ElementsAre(AllOf(HasSubstr("75.9 of 80 Mbit/s"), HasSubstr("component"), HasSubstr("(80 sent"))));
-  EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
+  EXPECT_THAT(shortfalls(achieved(run, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
       << "what is unknown is not taken for achieved";
-  EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
-  EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
+  EXPECT_THAT(shortfalls(achieved(run, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
+  EXPECT_THAT(shortfalls(achieved(run, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
       << "it was not there to the end";
-  EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("SHORTFALL")));
-  EXPECT_TRUE(achieved(Traffic{}, both(1, 1)).empty());
+  EXPECT_THAT(shortfalls(achieved(run, nlohmann::json::object())), ElementsAre(HasSubstr("SHORTFALL")));
+  EXPECT_TRUE(achieved({}, both(1, 1)).empty());
+}
+
+// What the run itself has the link drop is no shortfall.
+TEST(Achieved, LessArrivesThroughRequestedFaults) {
+  campaign::Run run;
+  run.traffic = {Traffic::Direction::to_component, 10'000'000, 1470};
+  const auto is_short = [&](double arrived) {
+    return achieved(run, both(10e6, arrived)).at("to_component").is_short;
+  };
+  run.faults.loss = 0.1;
+  EXPECT_FALSE(*is_short(9e6));
+  EXPECT_TRUE(*is_short(8.5e6));
+  run.traffic.datagram_bytes = 4000;  // in three frames
+  EXPECT_FALSE(*is_short(7.29e6));
+  EXPECT_TRUE(*is_short(6.8e6));
+  run.faults.loss = 0;
+  run.task.client.duration = 5s;
+  run.cut = conditions::Cut{1s, 1s};
+  EXPECT_FALSE(*is_short(8e6));
+  EXPECT_TRUE(*is_short(7.5e6));
+  run.cut->at = 4500ms;  // it ends with the run
+  EXPECT_TRUE(*is_short(8e6));
 }
 
 TEST_F(ScenarioFile, TrafficKeysAreReadAndRecorded) {

@@ -198,7 +198,7 @@ std::vector<Outcome> Session::outcomes() {
     auto outcome = pair->outcome(account);
     outcome.interrupted = stopped_;  // an interruption after the end of the run does not count
     if (run.traffic.bits_per_s > 0) {
-      outcome.traffic = achieved(run.traffic, account.traffic.at(run.component));
+      outcome.traffic = achieved(run, account.traffic.at(run.component));
       for (const auto& text : shortfalls(outcome.traffic)) observer_.note(whose + text);
     }
     if (run.task.background.topics > 0) {

@@ -2,6 +2,9 @@
 #include "campaign/traffic.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
 
 #include <fmt/format.h>
 
@@ -25,6 +28,17 @@ bool running(const json& by_host, const std::string& way) {
   for (const auto* host : {"controller", "component"})
     if (!by_host.value(host, json::object()).value(way, json::object()).value("running", false)) return false;
   return true;
+}
+
+// Of the datagrams, with the run's own loss and cut of the link: a datagram needs all its frames.
+double share_that_arrives(const Run& run) {
+  constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
+  const auto frames = (run.traffic.datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
+  const auto share = std::pow(1 - run.faults.loss, static_cast<double>(frames));
+  const std::chrono::duration<double> whole = run.task.client.duration;
+  if (!run.cut || whole.count() <= 0) return share;
+  const std::chrono::duration<double> at = run.cut->at, length = run.cut->length;
+  return share * (1 - std::clamp((whole - at) / whole, 0.0, length / whole));
 }
 
 std::string megabits(const std::optional<double>& bit_s) {
@@ -63,7 +77,10 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
           .priority = traffic.priority};
 }
 
-record::ByName<record::TrafficSeen> achieved(const Traffic& traffic, const json& by_host) {
+record::ByName<record::TrafficSeen> achieved(const Run& run, const json& by_host) {
+  const auto& traffic = run.traffic;
+  const double enough =
+      record::enough_of_request * share_that_arrives(run) * static_cast<double>(traffic.bits_per_s);
   record::ByName<record::TrafficSeen> all;
   for (const auto& way : ways_of(traffic)) {
     const bool there = way == to_component;
@@ -73,8 +90,7 @@ record::ByName<record::TrafficSeen> achieved(const Traffic& traffic, const json&
                 .sent_bit_s = rate_of(by_host, there ? "controller" : "component", way),
                 .received_bit_s = received,
                 .running = still_there,
-                .is_short = !still_there || !received ||
-                            *received < record::enough_of_request * static_cast<double>(traffic.bits_per_s)};
+                .is_short = !still_there || !received || *received < enough};
   }
   return all;
 }

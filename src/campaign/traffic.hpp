@@ -19,8 +19,9 @@ std::vector<int> ports_of(const Together&);
 // The stream at one of the two ends: the controller, or that component.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
-// For each direction, from what both keepers report, `by_host` controller and component.
-record::ByName<record::TrafficSeen> achieved(const Traffic&, const nlohmann::json& by_host);
+// For each direction, from what both keepers report, `by_host` controller and component. What the run's own
+// link faults drop is no shortfall.
+record::ByName<record::TrafficSeen> achieved(const Run&, const nlohmann::json& by_host);
 // A text for each direction that fell short, for people.
 std::vector<std::string> shortfalls(const record::ByName<record::TrafficSeen>& achieved);
 
