@@ -150,6 +150,15 @@ TEST(BackgroundAccount, LossAboveFivePercentIsAShortfall) {
   EXPECT_TRUE(there(end_of(97, 0, 3), end_of(0, 94)).is_short) << "some of both";
 }
 
+TEST(BackgroundAccount, MessagesThatRequestedFaultsDropAreNoShortfall) {
+  const auto is_short = [](std::uint64_t arrived) {
+    const auto outcome = outcome_of(end_of(1000, 0), end_of(0, arrived));
+    return achieved({.back = false}, outcome, {}, 0.9).at("to_component").is_short;
+  };
+  EXPECT_FALSE(is_short(880));
+  EXPECT_TRUE(is_short(850));
+}
+
 TEST(BackgroundAccount, OverrunsAboveFivePercentAreAShortfall) {
   EXPECT_TRUE(there(end_of(60, 0), end_of(0, 60, 0, 4)).is_short) << "more than 5 % of 60";
   EXPECT_THAT(told(end_of(60, 0), end_of(0, 60, 0, 4)),

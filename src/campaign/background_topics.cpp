@@ -11,11 +11,12 @@ namespace {
 using record::BackgroundSeen;
 using record::BackgroundSent;
 
-bool falls_short(std::uint64_t count, std::uint64_t asked) {
-  return static_cast<double>(count) < record::enough_of_request * static_cast<double>(asked);
+bool falls_short(std::uint64_t count, std::uint64_t asked, double share = 1) {
+  return static_cast<double>(count) < record::enough_of_request * share * static_cast<double>(asked);
 }
 
-BackgroundSeen way(const BackgroundSent& sender, const BackgroundSent& receiver, std::uint64_t wanted) {
+BackgroundSeen way(const BackgroundSent& sender, const BackgroundSent& receiver, std::uint64_t wanted,
+                   double arriving) {
   const auto sent = sender.sent, received = receiver.received, overruns = receiver.overruns;
   const auto asked = std::max(sent + sender.refused + sender.skipped_cycles, wanted);
   return {.sent = sent,
@@ -26,7 +27,7 @@ BackgroundSeen way(const BackgroundSent& sender, const BackgroundSent& receiver,
           .refused = sender.refused,
           .overruns = overruns,
           .strays = receiver.strays,
-          .is_short = falls_short(sent, asked) || falls_short(received, asked) ||
+          .is_short = falls_short(sent, asked) || falls_short(received, asked, arriving) ||
                       falls_short(received - std::min(received, overruns), received)};
 }
 
@@ -51,13 +52,13 @@ agent::Task of_their_own(agent::Task task) {
 
 record::ByName<BackgroundSeen> achieved(const roundtrip::BackgroundOptions& options,
                                         const record::Outcome& outcome,
-                                        std::optional<std::chrono::nanoseconds> duration) {
+                                        std::optional<std::chrono::nanoseconds> duration, double arriving) {
   const auto& controller = find(outcome.hosts, "controller").background;
   const auto& component = find(outcome.hosts, "component").background;
   const auto wanted = duration ? roundtrip::messages_asked(options, *duration) : 0;
   record::ByName<BackgroundSeen> all;
-  if (options.there) all["to_component"] = way(controller, component, wanted);
-  if (options.back) all["to_controller"] = way(component, controller, wanted);
+  if (options.there) all["to_component"] = way(controller, component, wanted, arriving);
+  if (options.back) all["to_controller"] = way(component, controller, wanted, arriving);
   return all;
 }
 

@@ -17,9 +17,11 @@ agent::Task of_their_own(agent::Task);
 
 // From what the hosts of an outcome counted, for each direction. Short: less than 95 % of the requested
 // messages (in that duration, if the run was not stopped) were sent or arrived, or over 5 % of the callbacks
-// took longer than their share of the period.
+// took longer than their share of the period. `arriving`: the share of the messages that the run's own link
+// faults let arrive.
 record::ByName<record::BackgroundSeen> achieved(const roundtrip::BackgroundOptions&, const record::Outcome&,
-                                                std::optional<std::chrono::nanoseconds> duration = {});
+                                                std::optional<std::chrono::nanoseconds> duration = {},
+                                                double arriving = 1);
 std::vector<std::string> shortfalls_of_background(
     const record::ByName<record::BackgroundSeen>& achieved);  // for people
 

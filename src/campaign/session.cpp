@@ -202,8 +202,12 @@ std::vector<Outcome> Session::outcomes() {
       for (const auto& text : shortfalls(outcome.traffic)) observer_.note(whose + text);
     }
     if (run.task.background.topics > 0) {
-      outcome.background = achieved(run.task.background, outcome,
-                                    stopped_ ? std::nullopt : std::optional(run.task.client.duration));
+      const auto& topics = run.task.background;
+      constexpr std::size_t headers_bytes = 100;  // of RTPS
+      const bool repeats = topics.reliability == transport::Reliability::reliable;
+      outcome.background =
+          achieved(topics, outcome, stopped_ ? std::nullopt : std::optional(run.task.client.duration),
+                   repeats ? 1 : share_that_arrives(run, topics.payload_bytes + headers_bytes));
       for (const auto& text : shortfalls_of_background(outcome.background)) observer_.note(whose + text);
     }
     if (!windows_.empty()) outcome.trace = machines_.how_traced(run.component);

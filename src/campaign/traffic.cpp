@@ -30,17 +30,6 @@ bool running(const json& by_host, const std::string& way) {
   return true;
 }
 
-// Of the datagrams, with the run's own loss and cut of the link: a datagram needs all its frames.
-double share_that_arrives(const Run& run) {
-  constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
-  const auto frames = (run.traffic.datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
-  const auto share = std::pow(1 - run.faults.loss, static_cast<double>(frames));
-  const std::chrono::duration<double> whole = run.task.client.duration;
-  if (!run.cut || whole.count() <= 0) return share;
-  const std::chrono::duration<double> at = run.cut->at, length = run.cut->length;
-  return share * (1 - std::clamp((whole - at) / whole, 0.0, length / whole));
-}
-
 std::string megabits(const std::optional<double>& bit_s) {
   return bit_s ? table::megabits(*bit_s) : "unknown";
 }
@@ -77,10 +66,21 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
           .priority = traffic.priority};
 }
 
+// A datagram needs all its frames.
+double share_that_arrives(const Run& run, std::uint64_t datagram_bytes) {
+  constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
+  const auto frames = (datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
+  const auto share = std::pow(1 - run.faults.loss, static_cast<double>(frames));
+  const std::chrono::duration<double> whole = run.task.client.duration;
+  if (!run.cut || whole.count() <= 0) return share;
+  const std::chrono::duration<double> at = run.cut->at, length = run.cut->length;
+  return share * (1 - std::clamp((whole - at) / whole, 0.0, length / whole));
+}
+
 record::ByName<record::TrafficSeen> achieved(const Run& run, const json& by_host) {
   const auto& traffic = run.traffic;
-  const double enough =
-      record::enough_of_request * share_that_arrives(run) * static_cast<double>(traffic.bits_per_s);
+  const double enough = record::enough_of_request * share_that_arrives(run, traffic.datagram_bytes) *
+                        static_cast<double>(traffic.bits_per_s);
   record::ByName<record::TrafficSeen> all;
   for (const auto& way : ways_of(traffic)) {
     const bool there = way == to_component;

@@ -2,6 +2,7 @@
 // Concurrent traffic of a run: its streams, and the rates that were achieved.
 #pragma once
 
+#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -19,6 +20,8 @@ std::vector<int> ports_of(const Together&);
 // The stream at one of the two ends: the controller, or that component.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
+// The share of datagrams of that payload that the run's own loss and cut of the link let arrive.
+double share_that_arrives(const Run&, std::uint64_t datagram_bytes);
 // For each direction, from what both keepers report, `by_host` controller and component. What the run's own
 // link faults drop is no shortfall.
 record::ByName<record::TrafficSeen> achieved(const Run&, const nlohmann::json& by_host);
