@@ -80,6 +80,11 @@ TEST(Quantity, IsReadExactly) {
     const auto digits = std::to_string(1000 + thousandths % 1000).substr(1);
     const auto text = std::to_string(thousandths / 1000) + "." + digits + " s";
     ASSERT_EQ(duration_of(text).count(), thousandths * 1'000'000) << text;
+    for (const auto& [unit, factor] : sizes)
+      if (factor % 1000 == 0) {
+        const auto size = std::to_string(thousandths / 1000) + "." + digits + unit;
+        ASSERT_EQ(bytes_of(size), static_cast<std::uint64_t>(thousandths) * (factor / 1000)) << size;
+      }
   }
 }
 

@@ -80,9 +80,9 @@ std::uint64_t bytes_of(const std::string& text) {
                            {"MiB", 1048576.0}, {"GB", 1e9}, {"GiB", 1073741824.0}};
   const auto bytes = quantity(text, units, "500 B");
   if (bytes < 0) throw std::invalid_argument(fmt::format("'{}' is negative", text));
-  if (bytes != std::floor(bytes))
+  if (std::abs(bytes - std::round(bytes)) > 1e-3L)  // that much is the binary numbers' own
     throw std::invalid_argument(fmt::format("'{}' is not a whole number of bytes", text));
-  return static_cast<std::uint64_t>(bytes);
+  return static_cast<std::uint64_t>(std::llround(bytes));
 }
 
 std::uint64_t bit_rate_of(const std::string& text) {
