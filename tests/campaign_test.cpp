@@ -400,7 +400,17 @@ TEST_F(ScenarioFile, DuplicateValuesAreRefused) {
               HasSubstr(":1:52: payload: '1 B' occurs twice"));
   EXPECT_THAT(error("runs: [{id: a, transport: udp, period: [10 ms, 0.01 s]}]\n"),
               HasSubstr(":1:48: period: '10 ms' and '0.01 s' are one value"));
-  EXPECT_THAT(error("runs: [{id: a, transport: udp, realtime: [on, On]}]\n"), HasSubstr("are one value"));
+  for (const auto* twice :
+       {"realtime: [on, On]", "realtime.lock-memory: [on, yes]", "realtime.priority: [80, 080]",
+        "realtime.cpus: [0-1, '0,1']", "explain: [off, no]", "domain: [1, 01]",
+        "link.cut: [1 s for 1 s, 1 s for 1000 ms]"})
+    EXPECT_THAT(error(fmt::format("runs: [{{id: a, transport: udp, {}}}]\n", twice)),
+                HasSubstr("are one value"))
+        << twice;
+  for (const auto* apart :
+       {"domain: [1, 2]", "topics.ping: [a, b]", "namespace: [/a, /b]", "realtime.priority: [80, 81]",
+        "link.cut: [1 s for 1 s, 2 s for 1 s]", "kernel.irq-threads: [as-is, 90]"})
+    EXPECT_EQ(error(fmt::format("runs: [{{id: a, transport: udp, {}}}]\n", apart)), "no error") << apart;
   Selection selection;
   selection.transports = {"udp", "udp"};
   EXPECT_THAT(error("runs: [{id: a}]\n", selection), HasSubstr("transport: 'udp' occurs twice"));

@@ -119,6 +119,8 @@ struct Field {
   enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
+  // What that text states: the same of "10 ms" and "0.01 s". Throws as `set`; empty: only its text tells.
+  std::function<nlohmann::json(const std::string&)> stated{};
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
   std::function<nlohmann::json(const Run&)> to_json{};           // null: not written
   std::function<void(Run&, const nlohmann::json&)> from_json{};  // throws std::exception; never gets null

@@ -53,6 +53,7 @@ Field said_at(Field key, Codec<Value> codec, Place<Value> place) {
     }
   if (key.values.empty()) key.values = codec.values;
   key.set = [place, of_text = codec.of_text](Run& run, Text text) { place(run) = of_text(text); };
+  key.stated = [of_text = codec.of_text, to = codec.to_json](Text text) { return to(of_text(text)); };
   return key;
 }
 // A field that JSON has; `made`: its key, if it has one.

@@ -126,6 +126,11 @@ Field cut() {
                 run.cut = cut_of(text);
                 run.faults.cut = true;
               },
+          .stated =
+              [](Text text) {
+                const auto cut = cut_of(text);
+                return json{cut.at.count(), cut.length.count()};
+              },
           .json = "link.cut",
           .to_json =
               [](const Run& run) {

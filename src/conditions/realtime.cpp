@@ -35,11 +35,18 @@ void set_realtime(Run& run, Text text) {
     set_realtime_on(run);
 }
 
+json json_of(const RealtimeSettings&);
+
 using SetSettings = std::function<void(RealtimeSettings&, Text)>;
 // `parts`: of realtime_settings.
 Field setting(Field how, const std::vector<std::string>& parts, SetSettings set) {
   how.end = both;
   for (const auto& part : parts) how.parts.push_back("realtime_settings." + part);
+  how.stated = [set](Text text) {
+    RealtimeSettings settings;
+    set(settings, text);
+    return json_of(settings);
+  };
   return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
     if (!run.realtime_refused) set_realtime_on(run);
     auto settings = run.task.realtime;

@@ -74,15 +74,11 @@ struct Dimension {
   Said said;
 };
 
-// As a record has it: '10 ms' and '0.01 s' are one value. Else as stated, also a value that is refused later.
-std::string recorded(const conditions::Key* key, const std::string& value) try {
-  if (key == nullptr || !key->to_json) return value;
-  Run run;
-  key->set(run, value);
-  const auto json = key->to_json(run);
-  return json.is_null() ? value : json.dump();
+// '10 ms' and '0.01 s' are one value. A value that is refused later is its text.
+std::string value_of(const conditions::Key* key, const std::string& text) try {
+  return key == nullptr || !key->stated ? text : key->stated(text).dump();
 } catch (const std::exception&) {
-  return value;
+  return text;
 }
 
 // The runs that one entry of `runs` makes.
@@ -175,7 +171,7 @@ class Combinations {
     }
     std::map<std::string, std::string> seen;
     for (const auto& [value, where] : choices)
-      if (const auto [first, is_new] = seen.emplace(recorded(key, value), value); !is_new)
+      if (const auto [first, is_new] = seen.emplace(value_of(key, value), value); !is_new)
         fail(where, first->second == value
                         ? fmt::format("{}: '{}' occurs twice", path, value)
                         : fmt::format("{}: '{}' and '{}' are one value", path, first->second, value));
