@@ -372,6 +372,8 @@ TEST(Printable, LetsNothingSteer) {
     EXPECT_FALSE(steers(table::printable(text), false)) << table::printable(text);
   EXPECT_EQ(table::printable("a\x1b[2Jb"), "a?[2Jb");
   EXPECT_EQ(table::printable("a\r\nb\tc"), "a  b c");
+  for (const auto* none : {"\xef\xbf\xbf", "\xef\xbf\xbe", "\xf0\x9f\xbf\xbe"})
+    EXPECT_EQ(table::printable(none), "?") << "no character: XML, such as --junit, cannot have it";
   for (const auto* plain : {"", "a b", "Größe 5 µs ± 1 … → 日本 🤖", "\xc2\xa0"})
     EXPECT_EQ(table::printable(plain), plain);
 }

@@ -45,7 +45,8 @@ bool steers(std::uint32_t c) {
          c == 0x061c || within(0x200e, 0x200f) ||                 // marks of direction
          within(0x202a, 0x202e) || within(0x2066, 0x2069) ||      // overrides and isolates of direction
          c == 0x00ad || c == 0x200b || within(0x2060, 0x2065) ||  // nothing to be seen
-         within(0x206a, 0x206f) || c == 0xfeff || within(0xfff9, 0xfffb) || within(0xe0000, 0xe007f);
+         within(0x206a, 0x206f) || c == 0xfeff || within(0xfff9, 0xfffb) || within(0xe0000, 0xe007f) ||
+         (c & 0xfffeU) == 0xfffe;  // no characters, which XML cannot have
 }
 
 bool ends_in_digit(const std::string& word) {
