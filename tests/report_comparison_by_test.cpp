@@ -46,6 +46,9 @@ TEST(Compare, ValueOfAKeyHasTheWordsOfScenarioAndOfRecord) {
         {"duration", "2.0", "2 s"},
         {"link.loss", "0.01", "1 %"},
         {"link.loss", "1 %", "1 %"},
+        {"link.loss", "0.999999", "99.9999 %"},
+        {"link.loss", "0.333333", "33.3333 %"},
+        {"isolation.load-quota", "1024", "102400 %"},
         {"realtime", "true", "on"},
         {"realtime", "on", "on"},
         {"transport", "udp", "udp"},
@@ -65,8 +68,8 @@ TEST(Compare, ValueOfAKeyHasTheWordsOfScenarioAndOfRecord) {
 }
 
 TEST(Compare, ValuesThatReadTheSameAreToldApart) {
-  EXPECT_EQ(words_of_values("link.loss", {"0.01", "0.0100001", "0.02"}),
-            (std::vector<std::string>{"0.01", "0.0100001", "2 %"}));
+  EXPECT_EQ(words_of_values("link.loss", {"0.01", "0.0100000001", "0.02"}),
+            (std::vector<std::string>{"0.01", "0.0100000001", "2 %"}));
 }
 
 // A run for each of these runs, as an ontime records them.
