@@ -127,6 +127,7 @@ TEST(Fields, HaveOneNameEach) {
     EXPECT_TRUE(is_first(names, field.json)) << field.json;
     EXPECT_EQ(field.path.empty(), field.help.empty()) << field.path;
     EXPECT_EQ(field.path.empty(), !field.set) << field.json;
+    EXPECT_TRUE(field.path.empty() || field.json.empty() || field.stated) << field.path;
   }
   for (const auto& key : keys()) EXPECT_NE(key.values, "") << key.path;
 }

@@ -119,7 +119,8 @@ struct Field {
   enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
-  // What that text states: the same of "10 ms" and "0.01 s". Throws as `set`; empty: only its text tells.
+  // What that text states, as in a record: the same of "10 ms" and "0.01 s". Throws as `set`. Each field with
+  // a path and `json` has it.
   std::function<nlohmann::json(const std::string&)> stated{};
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
   std::function<nlohmann::json(const Run&)> to_json{};           // null: not written

@@ -114,6 +114,8 @@ Cut cut_of(Text text) {
   return {at, whole};
 }
 
+json json_of(const Cut& cut) { return {{"at_s", in_us(cut.at) / 1e6}, {"for_ms", cut.length.count()}}; }
+
 // In an order, a bare `true` requests a link that can be cut.
 Field cut() {
   return {.path = "link.cut",
@@ -126,16 +128,12 @@ Field cut() {
                 run.cut = cut_of(text);
                 run.faults.cut = true;
               },
-          .stated =
-              [](Text text) {
-                const auto cut = cut_of(text);
-                return json{cut.at.count(), cut.length.count()};
-              },
+          .stated = [](Text text) { return json_of(cut_of(text)); },
           .json = "link.cut",
           .to_json =
               [](const Run& run) {
-                if (!run.cut) return run.faults.cut ? json(true) : json();
-                return json{{"at_s", in_us(run.cut->at) / 1e6}, {"for_ms", run.cut->length.count()}};
+                if (run.cut) return json_of(*run.cut);
+                return run.faults.cut ? json(true) : json();
               },
           .from_json =
               [](Run& run, Json from) {

@@ -229,9 +229,7 @@ std::string words_of_value(const std::string& stated, const std::string& value) 
     return field->by_default;
   if (field == nullptr || field->json.empty()) return value;
   if (!recorded.is_number() && !recorded.is_boolean()) try {
-      conditions::Run run;
-      field->set(run, value);
-      recorded = field->to_json(run);
+      recorded = field->stated(value);
     } catch (const std::exception&) {  // `unset`, or the value of another version
       return value;
     }
