@@ -45,7 +45,8 @@ const Row rows[] = {
      "throttled",
      "{0} was ready but throttled: by the CPU quota of its cgroup, or by real-time throttling",
      none,
-     "raise the quota of its cgroup (cpu.max, cpu.cfs_quota_us)",
+     "raise the quota of its cgroup (cpu.max, cpu.cfs_quota_us); from Linux 6.12 on see fair-server in "
+     "`ontime check`",
      {{"kernel.rt-throttling", "off"}}},
     {Cause::idle_cpu,
      "idle-cpu",

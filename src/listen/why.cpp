@@ -231,7 +231,8 @@ class Search {
         return fmt::format("keep interrupts off the CPU of {} (kernel.irq-cpus), or give it another CPU",
                            victim);
       case Cause::throttled:
-        return "a larger quota for its cgroup (cpu.max), or kernel.rt-throttling: off";
+        return "a larger quota for its cgroup (cpu.max), or kernel.rt-throttling: off; from Linux 6.12 on "
+               "see fair-server in `ontime check`";
       case Cause::page_fault:
         return "lock its memory: mlockall() in the node";
       case Cause::busy:
