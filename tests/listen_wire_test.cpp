@@ -254,6 +254,23 @@ TEST_F(OnTheWire, AnnouncedMessageIsNotLostIfTheCaptureDropsPackets) {
   EXPECT_EQ(flow().lost, 1U);  // 2
 }
 
+TEST_F(OnTheWire, AnnouncedMessageIsNotLostIfTheCaptureDropsPacketsAtItsEnd) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().data(3));
+  arrive(Rtps().heartbeat(1, 4));
+  wire.interrupt();
+  wire.end();
+  EXPECT_EQ(flow().lost, 1U);  // 2
+}
+
+TEST_F(OnTheWire, AnnouncedMessagesOfAWriterThatRestartsAreLost) {
+  arrive(Rtps().stamp(1, 0).data(1));
+  arrive(Rtps().heartbeat(1, 4));
+  arrive(Rtps().stamp(3, 0).data(1));
+  EXPECT_EQ(flow().messages, 2U);
+  EXPECT_EQ(flow().lost, 3U);
+}
+
 TEST_F(OnTheWire, NothingIsLostBeforeAGapOrAnEndAfterDropsOfTheCapture) {
   arrive(Rtps().data(1));
   wire.interrupt();

@@ -76,7 +76,12 @@ void Wire::name_topic(const rtps::Guid& writer, const std::string& dds_topic) {
 }
 
 void Wire::interrupt() {
-  for (auto& [guid, stream] : streams_) stream.is_broken = true;
+  for (auto& [guid, stream] : streams_) {
+    if (stream.is_broken) continue;
+    // What was announced after the latest message may be among the packets that are missing.
+    stream.sequence.pass_over(stream.last_seen + 1, stream.sequence.next() - 1);
+    stream.is_broken = true;
+  }
 }
 
 void Wire::set_clock(std::int64_t from_ns, std::int64_t until_ns) {
@@ -142,8 +147,6 @@ void Wire::pass_over_before(Stream& stream, std::uint64_t number) {
 
 // The next message has any number. Losses until now stay.
 void Wire::restart(Stream& stream) {
-  // What was announced after the latest message may be among the packets that were not captured.
-  if (stream.last_seen > 0) stream.sequence.pass_over(stream.last_seen + 1, stream.sequence.next() - 1);
   keep_all_losses(stream);
   stream.sequence.restart();
   for (auto& [way, sequence] : stream.ways) sequence.restart();
