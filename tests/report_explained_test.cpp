@@ -2,7 +2,6 @@
 // What `ontime explain` prints.
 #include <algorithm>
 #include <regex>
-#include <tuple>
 
 #include <fmt/format.h>
 
@@ -88,54 +87,81 @@ TEST(RenderExplained, LongLinesGoOnBelowTheirText) {
   EXPECT_NO_THROW(render_explained({one}, Format::table)) << "blanks alone are left";
 }
 
+explain::Group group_of(std::size_t messages, std::string culprit, std::string advice,
+                        std::int64_t most_ns = 0) {
+  explain::Group group;
+  group.messages = messages;
+  group.least_ns = std::min(most_ns, 1 * ms);
+  group.most_ns = most_ns;
+  group.culprit.cause = explain::Cause::cpu;
+  group.culprit.culprit = std::move(culprit);
+  group.remedy.advice = std::move(advice);
+  return group;
+}
+Explained explained_by(std::vector<explain::Group> groups) {
+  Explained one;
+  one.account.traced = true;
+  for (const auto& group : groups) one.account.late += group.messages;
+  one.account.groups = std::move(groups);
+  return one;
+}
+std::size_t times_in(const std::string& text, const std::string& words) {
+  std::size_t found = 0;
+  for (auto at = text.find(words); at != text.npos; at = text.find(words, at + 1)) ++found;
+  return found;
+}
+
 TEST(RenderExplained, CauseOfSeveralRunsComesFirstWithItsRemedyOnce) {
   const auto run = [](std::string culprit, std::size_t messages, std::int64_t most_ns, std::string advice) {
-    Explained one;
-    one.account.traced = true;
-    one.account.late = messages;
-    explain::Group group;
-    group.messages = messages;
-    group.least_ns = 1 * ms;
-    group.most_ns = most_ns;
-    group.culprit.cause = explain::Cause::cpu;
-    group.culprit.culprit = std::move(culprit);
-    group.remedy.advice = std::move(advice);
-    one.account.groups = {group};
-    return one;
+    return explained_by({group_of(messages, std::move(culprit), std::move(advice), most_ns)});
   };
   const auto text =
       render_explained({run("hog", 3, 2 * ms, "stop it"), run("backup", 4, 9 * ms, "move it"),
                         run("hog", 2, 7 * ms, "stop it"), run("backup", 1, 3 * ms, "another priority")},
                        Format::table, 200);
   EXPECT_THAT(text,
-              ::testing::MatchesRegex("4 runs with late or lost messages. Why:\n"
+              ::testing::MatchesRegex("Causes of late or lost messages in 4 runs:\n"
                                       " +5 [^\n]*hog[^\n]*: 1.0 ms to 7.0 ms \\(2 runs\\)\n +→ stop it\n"
                                       " +5 [^\n]*backup[^\n]*: 1.0 ms to 9.0 ms \\(2 runs\\)\n\nrun .*"));
-  const auto count = [&](const char* words) {
-    std::size_t found = 0;
-    for (auto at = text.find(words); at != text.npos; at = text.find(words, at + 1)) ++found;
-    return found;
-  };
-  EXPECT_EQ(count("→ stop it"), 1U);
-  EXPECT_EQ(count("→ move it"), 1U) << "it differs between runs: each run has its own";
-  EXPECT_EQ(count("→ another priority"), 1U);
+  EXPECT_EQ(times_in(text, "→ stop it"), 1U);
+  EXPECT_EQ(times_in(text, "→ move it"), 1U) << "it differs between runs: each run has its own";
+  EXPECT_EQ(times_in(text, "→ another priority"), 1U);
   EXPECT_THAT(render_explained({run("hog", 3, 2 * ms, "stop it"), Explained()}, Format::table),
-              ::testing::Not(HasSubstr("runs with")));
+              ::testing::Not(HasSubstr("Causes of")));
+}
+
+TEST(RenderExplained, RemedyOfAnotherCauseAboveIsNotThatOfACauseWithout) {
+  const auto text =
+      render_explained({explained_by({group_of(3, "hog", "stop it"), group_of(2, "cron", "stop it")}),
+                        explained_by({group_of(3, "hog", "stop it"), group_of(2, "cron", "move it")})},
+                       Format::table, 200);
+  EXPECT_EQ(times_in(text, "stop it"), 2U) << "above for hog, and in the first run for cron:\n" << text;
+  EXPECT_EQ(times_in(text, "→ move it"), 1U);
+}
+
+TEST(RenderExplained, RunsWhoseCausesAreUnknownAreNotAmongThoseWithCauses) {
+  Explained unknown;
+  unknown.account.late = 5;
+  const auto text = render_explained(
+      {explained_by({group_of(3, "hog", "")}), unknown, explained_by({group_of(3, "hog", "")})},
+      Format::table, 200);
+  EXPECT_THAT(text, ::testing::StartsWith("Causes of late or lost messages in 2 runs:\n"))
+      << "3 runs had some";
+}
+
+TEST(RenderExplained, CausesBeyondTheFirstTenAreCounted) {
+  for (const std::size_t causes : {11U, 12U}) {
+    std::vector<explain::Group> groups;
+    for (std::size_t i = 0; i < causes; ++i) groups.push_back(group_of(1, fmt::format("hog{}", i), ""));
+    EXPECT_THAT(render_explained({explained_by(groups), explained_by(groups)}, Format::table, 200),
+                HasSubstr(causes == 11 ? "… and 1 more cause, see each run\n"
+                                       : "… and 2 more causes, see each run\n"));
+  }
 }
 
 TEST(RenderExplained, CausesWithTheSameRemedyStandTogetherAboveIt) {
-  Explained one;
-  one.account.traced = true;
-  one.account.late = 12;
-  for (const auto& [messages, culprit, advice] :
-       {std::tuple(5U, "backup", "move it"), {4U, "hog", "stop it"}, {3U, "cron", "stop it"}}) {
-    explain::Group group;
-    group.messages = messages;
-    group.culprit.cause = explain::Cause::cpu;
-    group.culprit.culprit = culprit;
-    group.remedy.advice = advice;
-    one.account.groups.push_back(group);
-  }
+  const auto one = explained_by(
+      {group_of(5, "backup", "move it"), group_of(4, "hog", "stop it"), group_of(3, "cron", "stop it")});
   EXPECT_THAT(render_explained({one}, Format::table, 200),
               ::testing::MatchesRegex(
                   "run [^\n]*\n +4 [^\n]*hog[^\n]*\n +3 [^\n]*cron[^\n]*\n +→ for these 2: stop it\n"

@@ -136,8 +136,8 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
   const auto causes = same_causes_of(told);
   for (std::size_t i = 0; i < std::min(most_told, causes.size()); ++i) text += text_of(causes[i], marks);
   if (causes.size() > most_told)
-    text += fmt::format("{}… and {} more causes (--format json has all)\n", marks.item,
-                        causes.size() - most_told);
+    text += fmt::format("{}… and {} (--format json has all)\n", marks.item,
+                        many(causes.size() - most_told, "more cause", "more causes"));
   return text;
 }
 
@@ -156,9 +156,13 @@ struct Listed {
   Group group;
   std::string more, remedy;
 };
-// Causes with the same remedy stand together, above it. A remedy that was told before is left out.
-std::string text_of(const std::vector<Listed>& causes, const std::set<std::string>& told,
-                    const Marks& marks) {
+// Causes with the same remedy stand together, above it. It is left out if it was told before, of all of them.
+std::string text_of(const std::vector<Listed>& causes, const std::vector<Listed>& told, const Marks& marks) {
+  const auto is_told = [&](const Listed* cause) {
+    return std::ranges::any_of(told, [&](const Listed& one) {
+      return one.remedy == cause->remedy && explain::same_cause(one.group.culprit, cause->group.culprit);
+    });
+  };
   std::vector<std::pair<std::string, std::vector<const Listed*>>> blocks;
   for (const auto& cause : causes) {
     const auto same = std::ranges::find(blocks, cause.remedy, [](const auto& block) { return block.first; });
@@ -177,7 +181,7 @@ std::string text_of(const std::vector<Listed>& causes, const std::set<std::strin
     for (const auto* cause : of)
       text += fmt::format("{}{:>4}  {}{}\n", marks.item, cause->group.messages, sentence_of(cause->group),
                           cause->more);
-    if (!remedy.empty() && !told.contains(remedy))
+    if (!remedy.empty() && !std::ranges::all_of(of, is_told))
       text += fmt::format("{}{}{}\n", marks.below,
                           of.size() == 1 ? "" : fmt::format("for these {}: ", of.size()), printable(remedy));
   }
@@ -215,29 +219,29 @@ std::vector<Across> across(const std::vector<Explained>& all) {
 }
 
 constexpr std::size_t most_across = 10;
-// What all runs have in common comes first; "" if fewer than two have a cause. Adds to `told` the remedies
-// that it contains.
-std::string text_of_all(const std::vector<Explained>& all, const Marks& marks, std::set<std::string>& told) {
+// The causes of all runs come first; "" if fewer than two runs have a cause. `told` gets those that it lists.
+std::string text_of_all(const std::vector<Explained>& all, const Marks& marks, std::vector<Listed>& told) {
   const auto runs = std::ranges::count_if(all, [](const auto& one) { return !one.account.groups.empty(); });
   if (runs < 2) return "";
   const auto causes = across(all);
-  auto text = fmt::format("{0}{1} runs with late or lost messages. Why:{0}\n", marks.heading, runs);
+  auto text = fmt::format("{0}Causes of late or lost messages in {1} runs:{0}\n", marks.heading, runs);
   if (*marks.heading != '\0') text += "\n";
   std::vector<Listed> listed;
   for (std::size_t i = 0; i < std::min(most_across, causes.size()); ++i) {
     const auto& [group, remedies, in] = causes[i];
-    listed.push_back({group, fmt::format(" ({} run{})", in, in == 1 ? "" : "s"),
+    listed.push_back({group, fmt::format(" ({})", many(in, "run", "runs")),
                       remedies.size() == 1 ? *remedies.begin() : ""});
   }
-  text += text_of(listed, told, marks);
-  for (const auto& cause : listed) told.insert(cause.remedy);
+  text += text_of(listed, {}, marks);
+  told = std::move(listed);
   if (causes.size() > most_across)
-    text += fmt::format("{}… and {} more causes, see each run\n", marks.item, causes.size() - most_across);
+    text += fmt::format("{}… and {}, see each run\n", marks.item,
+                        many(causes.size() - most_across, "more cause", "more causes"));
   return text;
 }
 
-// Without the remedies that were told before.
-std::string text_of(const Explained& one, const Marks& marks, const std::set<std::string>& told) {
+// Without remedies that were told before of the same causes.
+std::string text_of(const Explained& one, const Marks& marks, const std::vector<Listed>& told) {
   if (one.run.asked.is_listened()) return text_of_listened(one, marks);
   const auto& account = one.account;
   const auto heading = [&](const std::string& rest) {
@@ -413,7 +417,7 @@ std::string render_explained(const std::vector<Explained>& all, Format format, s
   std::string text;
   const auto add = [&](const std::string& more) { text += (text.empty() ? "" : "\n") + more; };
   const auto marks = marks_of(format);
-  std::set<std::string> told;
+  std::vector<Listed> told;
   if (const auto first = text_of_all(all, marks, told); !first.empty()) add(fitted(first, format, columns));
   const auto without = std::ranges::count_if(all, is_untraced);
   for (const auto& one : all)
