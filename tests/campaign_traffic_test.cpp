@@ -84,6 +84,10 @@ TEST(Achieved, LessArrivesThroughRequestedFaults) {
   run.cut = conditions::Cut{1s, 1s};
   EXPECT_FALSE(*is_short(8e6));
   EXPECT_TRUE(*is_short(7.5e6));
+  run.faults.loss = 0.5;
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 1000), 0.4);
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 1000, true), 0.8) << "what is lost is sent again";
+  run.faults.loss = 0;
   run.cut->at = 4500ms;  // it ends with the run
   EXPECT_TRUE(*is_short(8e6));
 }

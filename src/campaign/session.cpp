@@ -204,10 +204,10 @@ std::vector<Outcome> Session::outcomes() {
     if (run.task.background.topics > 0) {
       const auto& topics = run.task.background;
       constexpr std::size_t headers_bytes = 100;  // of RTPS
-      const bool repeats = topics.reliability == transport::Reliability::reliable;
+      const bool is_reliable = topics.reliability == transport::Reliability::reliable;
       outcome.background =
           achieved(topics, outcome, stopped_ ? std::nullopt : std::optional(run.task.client.duration),
-                   repeats ? 1 : share_that_arrives(run, topics.payload_bytes + headers_bytes));
+                   share_that_arrives(run, topics.payload_bytes + headers_bytes, is_reliable));
       for (const auto& text : shortfalls_of_background(outcome.background)) observer_.note(whose + text);
     }
     if (!windows_.empty()) outcome.trace = machines_.how_traced(run.component);

@@ -67,10 +67,10 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
 }
 
 // A datagram needs all its frames.
-double share_that_arrives(const Run& run, std::uint64_t datagram_bytes) {
+double share_that_arrives(const Run& run, std::uint64_t datagram_bytes, bool is_reliable) {
   constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
   const auto frames = (datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
-  const auto share = std::pow(1 - run.faults.loss, static_cast<double>(frames));
+  const auto share = is_reliable ? 1 : std::pow(1 - run.faults.loss, static_cast<double>(frames));
   const std::chrono::duration<double> whole = run.task.client.duration;
   if (!run.cut || whole.count() <= 0) return share;
   const std::chrono::duration<double> at = run.cut->at, length = run.cut->length;
