@@ -35,7 +35,7 @@ TEST(Quantity, InvalidTextIsRefused) {
         "10\tms",  "10 MS",   "1_000 ms",   "10 ms 5", "١٠ ms"})
     EXPECT_THROW(duration_of(text), std::invalid_argument) << text;
   for (const auto* text : {"500", "-1 B", "0.5 B", "1e30 B", "99999999999 GiB", "nan B", "inf kB", "0x10 B",
-                           "1 kb", "1 K", "+1 B", "1 B/s"})
+                           "1 kb", "1 K", "+1 B", "1 B/s", "0.0005 B", "1.00055 kB", "0.0000000005 GB"})
     EXPECT_THROW(bytes_of(text), std::invalid_argument) << text;
   try {
     duration_of("10");

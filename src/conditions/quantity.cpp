@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <utility>
 
@@ -80,7 +81,8 @@ std::uint64_t bytes_of(const std::string& text) {
                            {"MiB", 1048576.0}, {"GB", 1e9}, {"GiB", 1073741824.0}};
   const auto bytes = quantity(text, units, "500 B");
   if (bytes < 0) throw std::invalid_argument(fmt::format("'{}' is negative", text));
-  if (std::abs(bytes - std::round(bytes)) > 1e-3L)  // that much is the binary numbers' own
+  const auto own_error = 4 * std::numeric_limits<long double>::epsilon() * bytes;  // of a binary number
+  if (std::abs(bytes - std::round(bytes)) > own_error)
     throw std::invalid_argument(fmt::format("'{}' is not a whole number of bytes", text));
   return static_cast<std::uint64_t>(std::llround(bytes));
 }
