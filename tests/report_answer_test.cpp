@@ -18,9 +18,10 @@ using State = Answer::State;
 TEST(Answer, OppositeConditionsAreNeverPooled) {
   const auto answer = answer_of(demo(), kept);
   // "with real-time settings 0 %" would contradict a late row of "idle, RT"
-  EXPECT_EQ(answer.sentence,
-            "Under load 24 to 28 % of the cycles had no answer within 10 ms; under load with real-time settings "
-            "0 %.");
+  EXPECT_EQ(
+      answer.sentence,
+      "Under load 24 to 28 % of the cycles had no answer within 10 ms; under load with real-time settings "
+      "0 %.");
   EXPECT_EQ(answer.conditions, "500 B every 10 ms, 20 s a run");
   ASSERT_EQ(answer.rows.size(), 12u);
   EXPECT_EQ(answer.rows[3].conditions, "load");
@@ -277,6 +278,18 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
               AllOf(HasSubstr("Test1.B cyclonedds: "), HasSubstr("load on the controller")));
   EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("machine's CPU time"))));
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
+}
+
+TEST(Answer, CautionOfManyRowsCountsThemInsteadOfNamingThem) {
+  auto runs = demo();
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (const auto* host : {"controller", "component"}) {
+      amend(runs[i].run.outcome, std::string("/conditions/") + host + "/cpu_stolen", 0.05);
+      amend(runs[i].run.outcome, std::string("/hosts/") + host + "/machine/boot_id", "b");
+    }
+  }
+  EXPECT_THAT(text_of(answer_of(runs, kept), 80),
+              HasSubstr("Caution: 4 of 12 rows: the hypervisor took 5 %"));
 }
 
 TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {

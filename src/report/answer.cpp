@@ -188,7 +188,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
   const auto lacking = any_stress(classes);
   // What both have in common is left out, unless the rest alone names another class, too.
-  const auto alone = [&](auto Regime::* part) {
+  const auto alone = [&](auto Regime::*part) {
     return std::ranges::count_if(
                classes, [&](const Class& one) { return one.regime.*part == contrast->regime.*part; }) == 1;
   };

@@ -161,8 +161,11 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);
     places.erase(std::unique(places.begin(), places.end()), places.end());
+    constexpr std::size_t most_named = 3;  // of a caution cut to one line, more names would leave no words
     cautions.push_back(places.size() == names.size() ? text
-                                                     : name_of_some(names, places, "rows") + ": " + text);
+                       : places.size() > most_named
+                           ? fmt::format("{} of {} rows: {}", places.size(), names.size(), text)
+                           : name_of_some(names, places) + ": " + text);
   };
   using enum Remark::Requirement;
   const auto add = [&](Remark::Requirement requirement, Remark::Weight weight = Remark::Weight::caution) {

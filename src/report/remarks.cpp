@@ -310,14 +310,13 @@ std::string remarks(const statistics::Summary& summary) {
   return join(texts, "; ");
 }
 
-std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places,
-                         const char* what) {
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
   constexpr std::size_t most = 3;
-  if (places.size() == names.size() && names.size() > 1) return std::string("all ") + what;
+  if (places.size() == names.size() && names.size() > 1) return "all runs";
   std::vector<std::string> some;
   for (std::size_t i = 0; i < std::min(most, places.size()); ++i) some.push_back(names.at(places[i]));
   if (places.size() <= most) return join(some, ", ");
-  return fmt::format("{} of {} {} ({}, …)", places.size(), names.size(), what, join(some, ", "));
+  return fmt::format("{} of {} runs ({}, …)", places.size(), names.size(), join(some, ", "));
 }
 
 std::vector<SharedRemark> shared_remarks(const Group& runs) {

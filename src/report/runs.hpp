@@ -84,8 +84,7 @@ struct SharedRemark {
   bool names_a_run = false;
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
-std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places,
-                         const char* what = "runs");
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
 std::vector<SharedRemark> shared_remarks(const Group&);
 // Where more than two requirements are missed, or more than one is open, one remark stands for them: "missed
 // requirements in 6 runs, such as idle udp (run 1): p99 <= 1 ms: …". `names`: of the runs.
