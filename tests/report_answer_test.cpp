@@ -276,7 +276,7 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
   const auto answer = answer_of(runs, kept);
   EXPECT_THAT(answer.cautions.front(),
               AllOf(HasSubstr("Test1.B cyclonedds: "), HasSubstr("load on the controller")));
-  EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("machine's CPU time"))));
+  EXPECT_THAT(answer.cautions, Contains(AllOf(HasSubstr("1 % to 6.5 %"), HasSubstr("of CPU time (steal)"))));
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
 }
 
@@ -289,7 +289,7 @@ TEST(Answer, CautionOfManyRowsCountsThemInsteadOfNamingThem) {
     }
   }
   EXPECT_THAT(text_of(answer_of(runs, kept), 80),
-              HasSubstr("Caution: 4 of 12 rows: the hypervisor took 5 %"));
+              HasSubstr("\nCaution: 4 of 12 rows: the hypervisor took 5 % of CPU time (steal)\n"));
 }
 
 TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {

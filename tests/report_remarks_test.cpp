@@ -191,7 +191,7 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
     facts["hosts"][host]["machine"]["boot_id"] = "one";
   }
   text = render({summary(as_asked, facts)}, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the machine's CPU time"));
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of CPU time (steal)"));
   EXPECT_THAT(text, Not(HasSubstr("of the component's CPU time")));
   one.lost_wait_ns = 510'000'000;
   EXPECT_THAT(render({one}, Format::markdown), Not(HasSubstr("wake-up latency was")))

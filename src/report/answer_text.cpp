@@ -123,11 +123,12 @@ std::size_t lines_in(const std::string& text, std::size_t width) {
 
 // `lines`: of each that is shown.
 std::string cautions_of(const Answer& answer, std::size_t width, std::span<const std::size_t> lines) {
-  constexpr std::size_t heading = sizeof("Caution: ");
+  constexpr std::size_t heading = sizeof("Caution: ") - 1;
   std::string text;
   for (std::size_t i = 0; i < std::min(lines.size(), answer.cautions.size()); ++i) {
-    const std::size_t wrapping = lines[i] > 1 ? 8 : 0;
-    const auto room = lines[i] * (width - 2) - std::min(heading + wrapping, width);
+    // Words do not fill each of several lines, and those but the first are indented.
+    const auto room = lines[i] == 1 ? width - std::min(heading, width)
+                                    : lines[i] * (width - 2) - std::min(heading + 9, width);
     text += wrapped("Caution: " + shortened(printable(answer.cautions[i]), room), width);
   }
   return text + more_cautions(answer.cautions.size());

@@ -53,10 +53,10 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   for (const auto* host : record::both_hosts) {
     const auto stolen = find(outcome.conditions, host).cpu_stolen.value_or(0);
     if (stolen < much_stolen) continue;
-    remarks.push_back(
-        {Weight::caution,
-         fmt::format("the hypervisor took {{}} of the {}'s CPU time (steal)", one_machine ? "machine" : host),
-         stolen, percent_text});
+    remarks.push_back({Weight::caution,
+                       fmt::format("the hypervisor took {{}} of {}CPU time (steal)",
+                                   one_machine ? "" : fmt::format("the {}'s ", host)),
+                       stolen, percent_text});
     if (one_machine) break;
   }
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;

@@ -253,7 +253,7 @@ std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
   if (!shift) return "";
   const double from_s = shift->from_ns.value_or(0) / 1e9;
-  return fmt::format("the median {} from {} to {} at about {:.{}f} s",
+  return fmt::format("the median {} from {} to {} at {:.{}f} s",
                      shift->after_ns < shift->before_ns ? "falls" : "rises", time_of(shift->before_ns),
                      time_of(shift->after_ns), from_s, from_s < 10 ? 1 : 0);
 }
