@@ -140,8 +140,7 @@ TEST(Judge, ALevelThatChangedIsNamed) {
   auto one = slower(0, 200);
   one.sent = 200;
   one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000, 100e9};
-  EXPECT_THAT(judged("p99 > 2 ms", one).says,
-              HasSubstr("the median rises from 150 µs to 300 µs at 100 s"));
+  EXPECT_THAT(judged("p99 > 2 ms", one).says, HasSubstr("the median rises from 150 µs to 300 µs at 100 s"));
   one.round_trip_certainty.shift = statistics::Shift{0.5, 160'000, 20'450'000, 100e9};
   EXPECT_THAT(statistics::shift_text(one), HasSubstr("rises from 160 µs to 20.45 ms"));
 }
