@@ -24,6 +24,13 @@ TEST(Words, PoliciesComeBack) {
   for (const auto* word : {"", "FIFO", "fifo ", "sched_fifo", "batch"}) EXPECT_FALSE(policy_of(word)) << word;
 }
 
+TEST(Words, KernelsAreInTheOrderOfTheirVersions) {
+  for (const auto* release : {"6.12.0", "6.12-rt", "6.13.1", "7.0.0"})
+    EXPECT_TRUE(is_kernel_since(6, 12, release)) << release;
+  for (const auto* release : {"6.11.9", "6.2.0", "5.99.1", "", "rt"})
+    EXPECT_FALSE(is_kernel_since(6, 12, release)) << release;
+}
+
 TEST(Words, EverySetOfCpusComesBack) {
   std::mt19937 random(1);
   for (int round = 0; round < 500; ++round) {

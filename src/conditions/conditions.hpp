@@ -38,6 +38,7 @@ std::uint64_t bit_rate_of(const std::string& text);
 std::chrono::nanoseconds period_of_rate(const std::string& text);
 // "1 %" → 0.01. From 0.0001 % to 100 %.
 double share_of(const std::string& text);
+std::string text_of_share(double share);  // "12.5 %", with all its digits
 // A whole number within these bounds. Throws std::invalid_argument, for people.
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
 

@@ -149,8 +149,7 @@ inline Codec<std::uint64_t> size(std::function<std::uint64_t(Text)> of_text = by
   return codec;
 }
 inline Codec<double> share(std::function<double(Text)> of_text = share_of) {
-  const auto percent = [](double value) { return fmt::format("{:.7g} %", value * 100); };
-  return {std::move(of_text), percent, as_is<double>, finite, "PERCENT", Field::Unit::share};
+  return {std::move(of_text), text_of_share, as_is<double>, finite, "PERCENT", Field::Unit::share};
 }
 
 // A time that JSON gives in a unit of µs or s.

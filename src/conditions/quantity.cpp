@@ -102,6 +102,8 @@ std::chrono::nanoseconds period_of_rate(const std::string& text) {
   return std::chrono::nanoseconds(std::llround(1e9L / rate));
 }
 
+std::string text_of_share(double share) { return fmt::format("{:.7g} %", share * 100); }
+
 double share_of(const std::string& text) {
   static const Units units{{"%", 0.01L}};
   const auto share = quantity(text, units, "1 %");

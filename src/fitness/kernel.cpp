@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernel: preemption, throttling, timers, clocks.
 #include <algorithm>
-#include <cstdio>
 #include <sstream>
-#include <utility>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -29,10 +28,9 @@ std::string how_to_install_rt(const Look& look) {
 
 // Since Linux 6.12 the fair server is there instead; only control groups that have a budget are throttled.
 bool throttles(const Look& look) {
-  int major = 0, minor = 0;
+  constexpr std::string_view before = "Linux version ";
   const auto version = look.text("/proc/version").value_or("");
-  if (std::sscanf(version.c_str(), "Linux version %d.%d", &major, &minor) != 2 ||
-      std::pair(major, minor) < std::pair(6, 12))
+  if (!version.starts_with(before) || !realtime::is_kernel_since(6, 12, version.substr(before.size())))
     return true;
   return std::ranges::any_of(realtime::budget_files(look.text("/proc/self/cgroup").value_or("")),
                              [&](const auto& file) { return look.exists(file); });

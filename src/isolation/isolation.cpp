@@ -83,9 +83,7 @@ void check_inherited(const std::string& asked, const Cpus& kept, const std::stri
 void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept) {
   utsname name{};
   uname(&name);
-  int major = 0, minor = 0;
-  const bool remembers =
-      std::sscanf(name.release, "%d.%d", &major, &minor) == 2 && std::pair(major, minor) >= std::pair(6, 2);
+  const bool remembers = realtime::is_kernel_since(6, 2, name.release);
   const auto all = list(everybodys);
   std::vector<std::string> own;
   for (const auto& thread : threads())

@@ -92,6 +92,10 @@ std::vector<std::string> budget_files(const std::string& cgroup);
 // From the same text: "ontime-pong@robot.service"; "" if it is not in a system service.
 std::string service_of(const std::string& cgroup);
 
+// Whether a kernel's release, such as "6.12.3-rt", is of this version or a later one; false if it has no
+// number.
+bool is_kernel_since(int major, int minor, const std::string& release);
+
 // "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.
 std::optional<Policy> policy_of(const std::string& word);
 const char* word_of(Policy);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -22,6 +24,12 @@ std::optional<int> cpu_of(std::string_view text) {
 }
 
 }  // namespace
+
+bool is_kernel_since(int major, int minor, const std::string& release) {
+  int of_major = 0, of_minor = 0;
+  return std::sscanf(release.c_str(), "%d.%d", &of_major, &of_minor) == 2 &&
+         std::pair(of_major, of_minor) >= std::pair(major, minor);
+}
 
 std::optional<Policy> policy_of(const std::string& word) {
   for (const auto& [policy, name] : words)

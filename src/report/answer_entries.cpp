@@ -161,7 +161,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);
     places.erase(std::unique(places.begin(), places.end()), places.end());
-    constexpr std::size_t most_named = 3;  // of a caution cut to one line, more names would leave no words
+    // The names of some would leave no words of a caution that is cut to one line.
     cautions.push_back(places.size() == names.size() ? text
                        : places.size() > most_named
                            ? fmt::format("{} of {} rows: {}", places.size(), names.size(), text)

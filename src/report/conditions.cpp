@@ -155,7 +155,7 @@ std::string words_of(const conditions::Field& field, const json& value) {
          : field.unit == Unit::none || !value.is_number() ? word(value)
          : field.unit == Unit::us                         ? time(1e3)
          : field.unit == Unit::s                          ? time(1e9)
-         : field.unit == Unit::share                      ? fmt::format("{:.7g} %", number * 100)
+         : field.unit == Unit::share                      ? conditions::text_of_share(number)
          : value.is_number_integer() && number >= 0       ? size(value.get<std::uint64_t>())
                                                           : nothing;
 }

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <functional>
 #include <set>
 #include <tuple>
@@ -9,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "realtime/realtime.hpp"
 #include "report/causes.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -118,10 +118,8 @@ struct Throttle {
   double least_ns = 0;
 };
 std::optional<Throttle> throttle_of(const record::Machine& machine) {
-  int major = 0, minor = 0;
-  const bool known = std::sscanf(machine.kernel_release.c_str(), "%d.%d", &major, &minor) == 2;
   // RT throttling became the fair server: 50 ms of each second for ordinary threads.
-  if (known && (major > 6 || (major == 6 && minor >= 12))) return Throttle{"the fair server", 50e6};
+  if (realtime::is_kernel_since(6, 12, machine.kernel_release)) return Throttle{"the fair server", 50e6};
   const auto runtime_us = machine.rt_runtime_us.value_or(-1), period_us = machine.rt_period_us.value_or(-1);
   if (runtime_us < 0 || period_us <= runtime_us) return std::nullopt;
   return Throttle{fmt::format("RT throttling (kernel.sched_rt_runtime_us is {})", runtime_us),
@@ -311,11 +309,10 @@ std::string remarks(const statistics::Summary& summary) {
 }
 
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
-  constexpr std::size_t most = 3;
   if (places.size() == names.size() && names.size() > 1) return "all runs";
   std::vector<std::string> some;
-  for (std::size_t i = 0; i < std::min(most, places.size()); ++i) some.push_back(names.at(places[i]));
-  if (places.size() <= most) return join(some, ", ");
+  for (std::size_t i = 0; i < std::min(most_named, places.size()); ++i) some.push_back(names.at(places[i]));
+  if (places.size() <= most_named) return join(some, ", ");
   return fmt::format("{} of {} runs ({}, …)", places.size(), names.size(), join(some, ", "));
 }
 

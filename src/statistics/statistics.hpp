@@ -140,8 +140,7 @@ struct Summary {
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
-// "the median rises from 150 µs to 300 µs at 100 s". Empty: no permanent
-// change.
+// "the median rises from 150 µs to 300 µs at 100 s". Empty: no permanent change.
 std::string shift_text(const Summary&);
 std::string time_of(double ns, int digits = 4);  // "28.25 ms"
 // Of all runs but the first `known`.
