@@ -272,33 +272,6 @@ TEST_F(Recorder, OfManyDelaysAtOnceTheWorstAreKept) {
   EXPECT_THAT(kept, testing::UnorderedElementsAre(200, 90, 150, 120));
 }
 
-// A topic at 100 Hz is silent after some 15 ms.
-TEST(ListenWords, RateOfASlowTopicIsNotZero) {
-  listen::Flow each_4_hours;
-  each_4_hours.period.add(14'400'000 * ms);
-  EXPECT_THAT(text_of(each_4_hours, {}), testing::HasSubstr("  0.000069 Hz  "));
-  listen::Flow flow;
-  for (int i = 0; i < 2; ++i) flow.period.add(40'000 * ms);
-  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  0.025 Hz  "));
-  flow.period.add(1);
-  for (int i = 0; i < 20'000; ++i) flow.period.add(50 * ms);
-  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  18.5 Hz  "));
-}
-
-TEST(ListenWords, ShortSilenceHasItsLengthAndOneMessageIsOne) {
-  listen::Flow flow;
-  flow.messages = 1;
-  flow.silent_ns = 40 * ms;
-  const auto text = text_of(flow, {});
-  EXPECT_THAT(text, testing::HasSubstr("SILENT for the last 40.0 ms "));
-  EXPECT_THAT(text, testing::HasSubstr(" 1 message\n"));
-  flow.silent_ns = 2000 * ms;
-  flow.messages = 2;
-  const auto longer = text_of(flow, {});
-  EXPECT_THAT(longer, testing::HasSubstr("SILENT for the last 2.0 s "));
-  EXPECT_THAT(longer, testing::HasSubstr(" 2 messages\n"));
-}
-
 TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
@@ -448,79 +421,6 @@ TEST_F(Recorder, KilledOneLeavesWhatItCounted) {
   ASSERT_EQ(runs.size(), 1u);
   EXPECT_EQ(runs[0].sent, 100u);
   EXPECT_EQ(runs[0].round_trip.max, 50 * ms);
-}
-
-TEST(Clock, TimeBefore1970HasMillisecondsOfItsSecond) {
-  EXPECT_THAT(clock_of(1'250'999'999), ::testing::EndsWith(":01.250"));
-  EXPECT_THAT(clock_of(-1), ::testing::EndsWith(":59.999"));
-  EXPECT_THAT(clock_of(-1'750'000'000), ::testing::EndsWith(":58.250"));
-}
-
-TEST(ListenWords, QuantilesHaveThreeDigitsAndTheMaximumHasAll) {
-  EXPECT_EQ(in_rounded_ms(9'999'500), "10.0");
-  EXPECT_EQ(in_rounded_ms(999'900), "1.00");
-  EXPECT_EQ(in_rounded_ms(12'345), "0.012");
-  EXPECT_EQ(in_rounded_ms(123'456'000), "123");
-  listen::Flow periodic;
-  for (int i = 0; i < 100; ++i) periodic.period.add(9'999'500);
-  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("period p50 10.0 ms  p99 10.0 ms  max 9.999 ms\n"));
-  periodic.period = {};
-  periodic.period.add(100'000'000);
-  EXPECT_THAT(text_of(periodic, {}), testing::HasSubstr("period p50 100 ms  p99 100 ms  max 100 ms\n"));
-}
-
-TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
-  using namespace std::chrono_literals;
-  listen::Flow flow;
-  flow.topic = "/scan";
-  flow.reader = {0, "recorder"};
-  flow.messages = 3;
-  flow.age_unknown = 0;
-  flow.stamp_ahead = 2;
-  flow.age.emplace();
-  for (const auto ns : {-1, -1, 1}) flow.age->add(ns);
-  const listen::Limits age{.deadline = {}, .period = {}, .age = 2ms};
-  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  stamp ahead 2  lost unknown"));
-  EXPECT_THAT(open_age_of(flow), testing::StartsWith("2 of 3 stamps of /scan are later than the recording"));
-  EXPECT_EQ(json_of(flow).at("stamp_ahead"), 2);
-  flow.stamp_ahead = 3;
-  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  stamp ahead 3  lost unknown"));
-  flow.age_unknown = 1;
-  EXPECT_THAT(open_age_of(flow),
-              testing::StartsWith("the age of 1 of 3 messages of /scan is unknown; 3 of 3"));
-}
-
-TEST(ListenWords, FirstMessageHasNoPeriodAndIsNotJudgedByOne) {
-  using namespace std::chrono_literals;
-  listen::Flow flow;
-  flow.reader = {0, "recorder"};
-  flow.messages = 5;
-  for (int i = 0; i < 4; ++i) flow.period.add(ms);
-  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = {}}), testing::HasSubstr("late 0 of 4 "));
-  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}),
-              testing::HasSubstr("late 0 of 4 (by period only)"));
-  flow.age.emplace();
-  for (int i = 0; i < 5; ++i) flow.age->add(ms);
-  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}), testing::HasSubstr("late 0 of 5 "));
-}
-
-TEST(ListenWords, MessagesWithoutAKnownAgeAreNotOnTimeByTheirAge) {
-  using namespace std::chrono_literals;
-  listen::Flow flow;
-  flow.messages = 500;
-  flow.age_unknown = 499;
-  flow.age.emplace().add(ms);
-  const listen::Limits age{.deadline = {}, .period = {}, .age = 2ms};
-  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  age unknown 499  lost unknown"));
-  EXPECT_THAT(text_of(flow, {.deadline = 2ms, .period = {}, .age = 2ms}),
-              testing::HasSubstr("late 0 of 500  age unknown 499 "));
-  EXPECT_EQ(json_of(flow).at("age_unknown"), 499);
-  flow.age_unknown = 0;
-  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  lost unknown"))
-      << "the others came before their writer was recognized";
-  flow.age.reset();
-  EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  lost unknown"));
-  EXPECT_EQ(json_of(listen::Flow{}).at("age_unknown"), nullptr);
 }
 
 }  // namespace

@@ -10,6 +10,8 @@ import subprocess
 import tempfile
 import unittest
 
+import program
+
 ONTIME = os.environ["ONTIME"]
 
 SCENARIO = """
@@ -33,6 +35,16 @@ class Results(unittest.TestCase):
         self.assertEqual(answer.returncode, code, answer.stdout + answer.stderr)
         self.assertNotIn("terminate called", answer.stderr)
         return answer
+
+    def start(self, *arguments):
+        process = subprocess.Popen([ONTIME, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        return process
+
+    def started(self, duration):
+        process = self.start("run", self.scenario(duration=duration), "--results", self.results)
+        self.assertTrue(program.eventually(lambda: program.sample_count(self.results) > 0), process.poll())
+        return process
 
     def scenario(self, require="lost <= 100%", duration="800 ms", period="5 ms"):
         path = self.folder / "scenario.yaml"
