@@ -379,6 +379,9 @@ TEST_F(ScenarioFile, ABaselineOfItselfOrInACircleIsRefusedAtItsPlace) {
   Selection selection;
   selection.only = {"a"};
   EXPECT_THAT(error(circle, selection), HasSubstr("b → c → b"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, baseline: [b, c]}, {id: b, transport: udp},\n"
+                    "{id: c, transport: udp, baseline: [b, a]}]\n"),
+              HasSubstr(":1:46: baseline: the baselines form a circle: a → c → a"));
 }
 
 TEST_F(ScenarioFile, ABaselineThatIsNoRunIsRefusedAtItsPlace) {

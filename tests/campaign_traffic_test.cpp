@@ -51,19 +51,19 @@ nlohmann::json both(double sent, nlohmann::json received, bool running = true) {
 TEST(Achieved, ShortfallIsLessThan95PercentArrived) {
   campaign::Run run;
   run.traffic = {Traffic::Direction::to_component, 80'000'000};
-  const auto enough = achieved(run, both(80e6, 76e6));
+  const auto enough = achieved(run, 5s, both(80e6, 76e6));
   EXPECT_EQ(enough.at("to_component").received_bit_s, 76e6);
   EXPECT_TRUE(shortfalls(enough).empty());
   EXPECT_THAT(
-      shortfalls(achieved(run, both(80e6, 75.9e6))),
+      shortfalls(achieved(run, 5s, both(80e6, 75.9e6))),
       ElementsAre(AllOf(HasSubstr("75.9 of 80 Mbit/s"), HasSubstr("component"), HasSubstr("(80 sent"))));
-  EXPECT_THAT(shortfalls(achieved(run, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
+  EXPECT_THAT(shortfalls(achieved(run, 5s, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
       << "what is unknown is not taken for achieved";
-  EXPECT_THAT(shortfalls(achieved(run, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
-  EXPECT_THAT(shortfalls(achieved(run, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
+  EXPECT_THAT(shortfalls(achieved(run, 5s, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
+  EXPECT_THAT(shortfalls(achieved(run, 5s, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
       << "it was not there to the end";
-  EXPECT_THAT(shortfalls(achieved(run, nlohmann::json::object())), ElementsAre(HasSubstr("SHORTFALL")));
-  EXPECT_TRUE(achieved({}, both(1, 1)).empty());
+  EXPECT_THAT(shortfalls(achieved(run, 5s, nlohmann::json::object())), ElementsAre(HasSubstr("SHORTFALL")));
+  EXPECT_TRUE(achieved({}, 5s, both(1, 1)).empty());
 }
 
 // What the run itself has the link drop is no shortfall.
@@ -71,7 +71,7 @@ TEST(Achieved, LessArrivesThroughRequestedFaults) {
   campaign::Run run;
   run.traffic = {Traffic::Direction::to_component, 10'000'000, 1470};
   const auto is_short = [&](double arrived) {
-    return achieved(run, both(10e6, arrived)).at("to_component").is_short;
+    return achieved(run, run.task.client.duration, both(10e6, arrived)).at("to_component").is_short;
   };
   run.faults.loss = 0.1;
   EXPECT_FALSE(*is_short(9e6));
@@ -85,11 +85,32 @@ TEST(Achieved, LessArrivesThroughRequestedFaults) {
   EXPECT_FALSE(*is_short(8e6));
   EXPECT_TRUE(*is_short(7.5e6));
   run.faults.loss = 0.5;
-  EXPECT_DOUBLE_EQ(share_that_arrives(run, 1000), 0.4);
-  EXPECT_DOUBLE_EQ(share_that_arrives(run, 1000, true), 0.8) << "what is lost is sent again";
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 5s, 1000), 0.4);
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 5s, 1000, true), 0.8) << "what is lost is sent again";
   run.faults.loss = 0;
   run.cut->at = 4500ms;  // it ends with the run
   EXPECT_TRUE(*is_short(8e6));
+}
+
+TEST(Achieved, OfAnInterruptedRunTheCutHasItsOwnShare) {
+  campaign::Run run;
+  run.task.client.duration = 60s;
+  run.cut = conditions::Cut{1s, 1s};
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 4s, 1000), 0.75);
+  EXPECT_DOUBLE_EQ(share_that_arrives(run, 1s, 1000), 1) << "before the cut";
+}
+
+TEST(Achieved, CopiesThatTheLinkMakesDoNotHideAShortfall) {
+  campaign::Run run;
+  run.traffic = {Traffic::Direction::to_component, 10'000'000, 1000};
+  run.faults.duplicates = 0.2;
+  const auto is_short = [&](double arrived) {
+    return *achieved(run, 5s, both(10e6, arrived)).at("to_component").is_short;
+  };
+  EXPECT_FALSE(is_short(12e6));
+  EXPECT_TRUE(is_short(10e6)) << "a sixth of the datagrams is missing";
+  run.traffic.datagram_bytes = 4000;
+  EXPECT_FALSE(is_short(10e6)) << "copies of fragments make no datagram";
 }
 
 TEST_F(ScenarioFile, TrafficKeysAreReadAndRecorded) {

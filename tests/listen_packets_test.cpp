@@ -76,6 +76,20 @@ TEST(Frames, DatagramHasItsAddresses) {
   EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
 }
 
+TEST(Frames, DatagramOfAVlanIsRead) {
+  const auto frame = frame_of(Rtps().data(1).bytes, 0, 1500, false);
+  Bytes one_tag, two_tags;
+  add(one_tag, {0x81, 0x00, 0, 5});
+  add(two_tags, {0x88, 0xa8, 0, 7, 0x81, 0x00, 0, 5});
+  for (const auto& tags : {one_tag, two_tags}) {
+    auto tagged = frame;
+    tagged.insert(tagged.begin() + 12, tags.begin(), tags.end());
+    const auto found = Packets(DLT_EN10MB).datagram(tagged);
+    ASSERT_TRUE(found) << tags.size();
+    EXPECT_EQ(found->destination, "10.0.0.2:7411");
+  }
+}
+
 TEST(Frames, FragmentsInAnyOrderMakeOneDatagram) {
   Packets packets(DLT_EN10MB);
   Bytes payload(3000);

@@ -82,7 +82,7 @@ class Rtps {
   // Discovery of the user's writer, or of a reader.
   Rtps& announce(const std::string& topic) { return announce(topic, user_writer, publications); }
   Rtps& announce_reader(const std::string& topic, unsigned number = 0) {
-    return announce(topic, {0, number, user_reader[2], user_reader[3]}, subscriptions);
+    return announce(topic, {number >> 8U, number & 255U, user_reader[2], user_reader[3]}, subscriptions);
   }
   Rtps& announce(const std::string& topic, std::array<unsigned, 4> endpoint, std::array<unsigned, 4> by) {
     Bytes list;

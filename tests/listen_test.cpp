@@ -102,6 +102,8 @@ TEST(Sequence, NumbersPassedOverAreNotLost) {
   EXPECT_EQ(sequence.lost(), 1U);
   sequence.pass_over(5, 9'999);
   EXPECT_EQ(sequence.see(10'000), Sequence::Fate::in_order);
+  EXPECT_EQ(sequence.see(9'000), Sequence::Fate::overtaken) << "it may come";
+  EXPECT_EQ(sequence.see(9'000), Sequence::Fate::again);
   EXPECT_EQ(sequence.lost(), 1U);
   sequence.pass_over(10'003, 10'003);
   EXPECT_EQ(sequence.lost(), 3U);

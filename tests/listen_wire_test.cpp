@@ -311,6 +311,35 @@ TEST_F(OnTheWire, NumbersWithoutAReaderAreNotLost) {
   EXPECT_EQ(flow().messages, 6U);
 }
 
+// Passed over for another reader, or because it was announced before the new reader had it.
+TEST_F(OnTheWire, MessageIsCountedAlthoughItsNumberWasPassedOver) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().stamp(1, 0).data(1));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().heartbeat(1, 3));
+  for (unsigned i = 2; i <= 4; ++i) arrive(Rtps().stamp(i, 0).data(i));
+  EXPECT_EQ(flow().messages, 4U);
+  EXPECT_EQ(flow().reordered, 0U);
+  arrive(Rtps().stamp(4, 0).data(4));
+  EXPECT_EQ(flow().messages, 4U);
+  EXPECT_EQ(flow().duplicated, 1U);
+  arrive(Rtps().announce_reader("rt/scan", 2));
+  arrive(Rtps().stamp(6, 0).data(6));
+  arrive(Rtps().stamp(5, 0).data(5));
+  EXPECT_EQ(flow().messages, 6U);
+  EXPECT_EQ(flow().reordered, 1U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
+TEST_F(OnTheWire, NewReaderIsSeenHoweverManyThereWere) {
+  arrive(Rtps().announce("rt/scan"));
+  for (unsigned i = 0; i <= Wire::most_names; ++i) arrive(Rtps().announce_reader("rt/map", i));
+  arrive(Rtps().data(1));
+  arrive(Rtps().announce_reader("rt/scan", Wire::most_names + 1));
+  arrive(Rtps().data(100));
+  EXPECT_EQ(flow().lost, 0U);
+}
+
 TEST_F(OnTheWire, MessageThatANewReaderHasInFragmentsIsCounted) {
   arrive(Rtps().announce("rt/scan"));
   arrive(Rtps().data(1));

@@ -280,16 +280,20 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
   EXPECT_EQ(answer.rows[4].state, State::not_applied);
 }
 
-TEST(Answer, CautionOfManyRowsCountsThemInsteadOfNamingThem) {
-  auto runs = demo();
-  for (std::size_t i = 0; i < 4; ++i) {
-    for (const auto* host : {"controller", "component"}) {
-      amend(runs[i].run.outcome, std::string("/conditions/") + host + "/cpu_stolen", 0.05);
-      amend(runs[i].run.outcome, std::string("/hosts/") + host + "/machine/boot_id", "b");
-    }
-  }
-  EXPECT_THAT(text_of(answer_of(runs, kept), 80),
-              HasSubstr("\nCaution: 4 of 12 rows: the hypervisor took 5 % of CPU time (steal)\n"));
+TEST(Answer, CautionNamesWholeConditionsAndCountsManyRows) {
+  const auto stolen_from = [](std::initializer_list<std::size_t> rows) {
+    auto runs = demo();
+    for (const auto i : rows)
+      for (const auto* host : {"controller", "component"}) {
+        amend(runs[i].run.outcome, std::string("/conditions/") + host + "/cpu_stolen", 0.05);
+        amend(runs[i].run.outcome, std::string("/hosts/") + host + "/machine/boot_id", "b");
+      }
+    return text_of(answer_of(runs, kept), 80);
+  };
+  const std::string what = ": the hypervisor took 5 % of CPU time (steal)\n";
+  EXPECT_THAT(stolen_from({3, 4, 5}), HasSubstr("\nCaution: Test1.B" + what));
+  EXPECT_THAT(stolen_from({0, 1, 2, 3}), HasSubstr("\nCaution: Test1.A, Test1.B udp" + what));
+  EXPECT_THAT(stolen_from({0, 3, 4, 7}), HasSubstr("\nCaution: 4 of 12 rows" + what));
 }
 
 TEST(Answer, MissedRequirementIsInTheSentenceAndTheFirstCaution) {
@@ -369,6 +373,27 @@ TEST(Answer, ContrastLacksWhatEachOtherRunHas) {
   amend(runs[0].run.asked, "/link/loss", 0.2);
   EXPECT_THAT(answer_of(runs, kept).sentence,
               AllOf(StartsWith("With link faults"), HasSubstr("; without link faults or load 0 %")));
+}
+
+// {load, real-time settings}
+TEST(Answer, SentenceNamesNoConditionThatAnotherRowContradicts) {
+  // The worst row is idle, and other rows have real-time settings, too.
+  std::vector runs{run(1, "idle", "udp", {}), run(2, "idle, RT", "udp", {false, true}, 200),
+                   run(3, "load, RT", "udp", {true, true}, 100)};
+  EXPECT_THAT(answer_of(runs, kept).sentence,
+              AllOf(StartsWith("Without load and with real-time settings 10 %"),
+                    HasSubstr("; without real-time settings 0 %")));
+  // Two rows have no load.
+  runs = {run(1, "load", "udp", {true}, 200), run(2, "idle", "udp", {}),
+          run(3, "idle, RT", "udp", {false, true}, 100)};
+  EXPECT_THAT(
+      answer_of(runs, kept).sentence,
+      AllOf(StartsWith("Under load 10 %"), HasSubstr("; without load and without real-time settings 0 %")));
+  // Two rows have load.
+  runs = {run(1, "load, RT", "udp", {true, true}, 200), run(2, "load", "udp", {true}, 50),
+          run(3, "idle, RT", "udp", {false, true})};
+  EXPECT_THAT(answer_of(runs, kept).sentence, AllOf(StartsWith("Under load with real-time settings 10 %"),
+                                                    HasSubstr("; without real-time settings 2.5 %")));
 }
 
 TEST(Answer, LoadOfAnotherComponentAtTheSameTimeIsLoad) {

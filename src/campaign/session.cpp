@@ -110,6 +110,7 @@ std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   machines_.begin();
   for (auto& pair : pairs_) pair->begin();
   started_ = Clock::now();
+  lasted_ = run_.task.client.duration;
   measuring_ = true;
   for (auto& pair : pairs_) pair->go();
   if (std::ranges::any_of(runs_, [](const Run& run) { return run.cut.has_value(); }))
@@ -128,6 +129,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
   const auto done = [&] {
     if (interrupts_ > 0 && !stopped_) {
       stopped_ = true;
+      lasted_ = std::min<std::chrono::nanoseconds>(lasted_, Clock::now() - started_);
       for (auto& pair : pairs_) pair->stop();
     }
     for (auto& windows : windows_) windows.order();
@@ -198,7 +200,7 @@ std::vector<Outcome> Session::outcomes() {
     auto outcome = pair->outcome(account);
     outcome.interrupted = stopped_;  // an interruption after the end of the run does not count
     if (run.traffic.bits_per_s > 0) {
-      outcome.traffic = achieved(run, account.traffic.at(run.component));
+      outcome.traffic = achieved(run, lasted_, account.traffic.at(run.component));
       for (const auto& text : shortfalls(outcome.traffic)) observer_.note(whose + text);
     }
     if (run.task.background.topics > 0) {
@@ -207,7 +209,7 @@ std::vector<Outcome> Session::outcomes() {
       const bool is_reliable = topics.reliability == transport::Reliability::reliable;
       outcome.background =
           achieved(topics, outcome, stopped_ ? std::nullopt : std::optional(run.task.client.duration),
-                   share_that_arrives(run, topics.payload_bytes + headers_bytes, is_reliable));
+                   share_that_arrives(run, lasted_, topics.payload_bytes + headers_bytes, is_reliable));
       for (const auto& text : shortfalls_of_background(outcome.background)) observer_.note(whose + text);
     }
     if (!windows_.empty()) outcome.trace = machines_.how_traced(run.component);

@@ -47,6 +47,7 @@ class Session {
   Interrupts& interrupts_;
   std::vector<std::unique_ptr<Pair>> pairs_;
   Clock::time_point started_;
+  std::chrono::nanoseconds lasted_{};  // to its end, or until it was interrupted
   bool measuring_ = false, stopped_ = false;
   std::optional<security::Authority> authority_;
   std::vector<Windows> windows_;  // of each run, where they are explained

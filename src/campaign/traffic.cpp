@@ -30,6 +30,11 @@ bool running(const json& by_host, const std::string& way) {
   return true;
 }
 
+std::uint64_t frames_of(std::uint64_t datagram_bytes) {
+  constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
+  return (datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
+}
+
 std::string megabits(const std::optional<double>& bit_s) {
   return bit_s ? table::megabits(*bit_s) : "unknown";
 }
@@ -67,19 +72,23 @@ background::Stream stream_of(const Run& run, const std::string& way, const std::
 }
 
 // A datagram needs all its frames.
-double share_that_arrives(const Run& run, std::uint64_t datagram_bytes, bool is_reliable) {
-  constexpr std::uint64_t header_bytes = 8, frame_bytes = 1480;  // of UDP; in an Ethernet frame beside IP's
-  const auto frames = (datagram_bytes + header_bytes + frame_bytes - 1) / frame_bytes;
-  const auto share = is_reliable ? 1 : std::pow(1 - run.faults.loss, static_cast<double>(frames));
-  const std::chrono::duration<double> whole = run.task.client.duration;
+double share_that_arrives(const Run& run, std::chrono::nanoseconds lasted, std::uint64_t datagram_bytes,
+                          bool is_reliable) {
+  const auto share =
+      is_reliable ? 1 : std::pow(1 - run.faults.loss, static_cast<double>(frames_of(datagram_bytes)));
+  const std::chrono::duration<double> whole = lasted;
   if (!run.cut || whole.count() <= 0) return share;
   const std::chrono::duration<double> at = run.cut->at, length = run.cut->length;
   return share * (1 - std::clamp((whole - at) / whole, 0.0, length / whole));
 }
 
-record::ByName<record::TrafficSeen> achieved(const Run& run, const json& by_host) {
+record::ByName<record::TrafficSeen> achieved(const Run& run, std::chrono::nanoseconds lasted,
+                                             const json& by_host) {
   const auto& traffic = run.traffic;
-  const double enough = record::enough_of_request * share_that_arrives(run, traffic.datagram_bytes) *
+  // iperf3 counts a copy of a datagram, too. Copies of fragments make no datagram.
+  const double copies = frames_of(traffic.datagram_bytes) == 1 ? 1 + run.faults.duplicates : 1;
+  const double enough = record::enough_of_request * copies *
+                        share_that_arrives(run, lasted, traffic.datagram_bytes) *
                         static_cast<double>(traffic.bits_per_s);
   record::ByName<record::TrafficSeen> all;
   for (const auto& way : ways_of(traffic)) {

@@ -19,7 +19,8 @@ using Bytes = std::span<const std::byte>;
 
 constexpr std::size_t most_partial = 64, most_datagram_bytes = 65535, block_bytes = 8;
 constexpr std::array rtps_begin{std::byte{'R'}, std::byte{'T'}, std::byte{'P'}, std::byte{'S'}};
-constexpr std::uint16_t ethertype_ipv4 = 0x0800, ethertype_ipv6 = 0x86dd, ethertype_vlan = 0x8100;
+constexpr std::uint16_t ethertype_ipv4 = 0x0800, ethertype_ipv6 = 0x86dd, ethertype_vlan = 0x8100,
+                        ethertype_service_vlan = 0x88a8;
 
 std::uint32_t number(Bytes bytes, std::size_t at, std::size_t size) {
   std::uint32_t value = 0;
@@ -78,7 +79,7 @@ std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
     if (frame.empty()) return {};
     type = std::to_integer<unsigned>(frame[0]) >> 4U == 6 ? ethertype_ipv6 : ethertype_ipv4;
   }
-  if (type == ethertype_vlan) {
+  for (int tags = 0; tags < 2 && (type == ethertype_vlan || type == ethertype_service_vlan); ++tags) {
     if (frame.size() < header + 4) return {};
     type = number(frame, header + 2, 2);
     header += 4;

@@ -10,11 +10,13 @@ void Sequence::advance(std::uint64_t next, bool are_missing) {
   if (count >= window) {
     gone_ += missing_.count() + (are_missing ? count - window : 0);
     missing_.reset();
-    if (are_missing) missing_.set();
+    passed_over_.reset();
+    (are_missing ? missing_ : passed_over_).set();
   } else {
     for (auto number = *next_; number < next; ++number) {
       if (missing_.test(number % window)) ++gone_;
       missing_.set(number % window, are_missing);
+      passed_over_.set(number % window, !are_missing);
     }
   }
   next_ = next;
@@ -31,9 +33,10 @@ Sequence::Fate Sequence::see(std::uint64_t number) {
     missing_.reset(number % window);
     return Fate::in_order;
   }
-  if (number < first_ || *next_ - number > window) return Fate::too_old;
-  if (!missing_.test(number % window)) return Fate::again;
+  if (!is_within(number)) return Fate::too_old;
+  if (!may_come(number)) return Fate::again;
   missing_.reset(number % window);
+  passed_over_.reset(number % window);
   return Fate::overtaken;
 }
 
@@ -46,13 +49,18 @@ void Sequence::pass_over(std::uint64_t first, std::uint64_t last) {
   // A writer numbers without holes: numbers that it did not pass over exist.
   if (first > *next_) advance(first, true);
   const auto oldest = std::max(first, *next_ > window ? *next_ - window : 0);
-  for (auto number = oldest; number <= last && number < *next_; ++number) missing_.reset(number % window);
+  for (auto number = oldest; number <= last && number < *next_; ++number)
+    if (is_missing(number)) {
+      missing_.reset(number % window);
+      passed_over_.set(number % window);
+    }
   if (last >= *next_) advance(last + 1, false);
 }
 
 void Sequence::restart() {
   gone_ += missing_.count();
   missing_.reset();
+  passed_over_.reset();
   next_.reset();
 }
 

@@ -59,7 +59,8 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
 
 void Wire::note(const rtps::Endpoint& endpoint) {
   if (!endpoint.is_reader) return name_topic(endpoint.guid, endpoint.topic);
-  if (readers_.size() == most_names || !readers_.insert(endpoint.guid).second) return;
+  if (readers_.contains(endpoint.guid)) return;
+  if (readers_.size() < most_names) readers_.insert(endpoint.guid);
   const auto topic = ros_name(endpoint.topic);
   for (auto& [writer, stream] : streams_) stream.has_new_reader |= topic_of(writer) == topic;
 }
@@ -135,8 +136,8 @@ Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uin
 // has its old stamp, and threads that publish at once have almost the same.
 bool Wire::began_again(const Stream& stream, const rtps::Data& data) {
   const auto& sequence = stream.sequence;
-  return data.sequence < sequence.next() && !sequence.is_missing(data.sequence) &&
-         stream.latest_stamp_ns > 0 && data.stamp_ns > stream.latest_stamp_ns + soonest_restart_ns;
+  return data.sequence < sequence.next() && !sequence.may_come(data.sequence) && stream.latest_stamp_ns > 0 &&
+         data.stamp_ns > stream.latest_stamp_ns + soonest_restart_ns;
 }
 
 // A writer without a reader sends nothing, and numbers its messages.

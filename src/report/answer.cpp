@@ -71,9 +71,15 @@ std::string tuned_words(const std::string& tuned) {
   if (tuned.empty()) return "without real-time settings";
   return "with " + replace_all(tuned, "RT", "real-time settings");
 }
-std::string all_words(const Regime& regime, const std::string& lacking) {
-  const auto stress = stress_words(regime.stress, lacking);
-  return regime.tuned.empty() ? stress : stress + " " + tuned_words(regime.tuned);
+// The parts of a regime that the sentence names.
+struct Named {
+  bool stress = false, tuned = false;
+};
+std::string words_of(const Regime& regime, Named parts, const std::string& lacking) {
+  if (!parts.tuned) return stress_words(regime.stress, lacking);
+  if (!parts.stress) return tuned_words(regime.tuned);
+  return stress_words(regime.stress, lacking) + (regime.stress.empty() ? " and " : " ") +
+         tuned_words(regime.tuned);
 }
 
 // "within 10 ms"; with several deadlines "in time"; without one a note that none is set.
@@ -187,16 +193,18 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   const bool same_stress = worst->regime.stress == contrast->regime.stress;
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
   const auto lacking = any_stress(classes);
-  // What both have in common is left out, unless the rest alone names another class, too.
-  const auto alone = [&](auto Regime::*part) {
-    return std::ranges::count_if(
-               classes, [&](const Class& one) { return one.regime.*part == contrast->regime.*part; }) == 1;
+  // Both parts, if these alone name another class, too.
+  const auto name = [&](const Class& of, Named parts, bool is_beside_the_other) {
+    const bool is_clear = std::ranges::none_of(classes, [&](const Class& one) {
+      return &one != &of && !(is_beside_the_other && &one == contrast) &&
+             (!parts.stress || one.regime.stress == of.regime.stress) &&
+             (!parts.tuned || one.regime.tuned == of.regime.tuned);
+    });
+    return words_of(of.regime, is_clear ? parts : Named{true, true}, lacking);
   };
-  const auto other = same_stress && alone(&Regime::tuned)   ? tuned_words(contrast->regime.tuned)
-                     : same_tuned && alone(&Regime::stress) ? stress_words(contrast->regime.stress, lacking)
-                                                            : all_words(contrast->regime, lacking);
-  auto first = same_stress && worst->regime.stress.empty() ? tuned_words(worst->regime.tuned)
-                                                           : all_words(worst->regime, lacking);
+  const bool is_idle = same_stress && worst->regime.stress.empty();
+  auto first = name(*worst, {.stress = !is_idle, .tuned = is_idle || !worst->regime.tuned.empty()}, true);
+  const auto other = name(*contrast, {.stress = !same_stress, .tuned = !same_tuned}, false);
   first.front() = static_cast<char>(std::toupper(first.front()));
   return fmt::format("{} {} of the cycles had no answer {}; {} {}.", first, worst->range(), within, other,
                      contrast->range());

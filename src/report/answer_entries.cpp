@@ -161,11 +161,21 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);
     places.erase(std::unique(places.begin(), places.end()), places.end());
-    // The names of some would leave no words of a caution that is cut to one line.
-    cautions.push_back(places.size() == names.size() ? text
-                       : places.size() > most_named
-                           ? fmt::format("{} of {} rows: {}", places.size(), names.size(), text)
-                           : name_of_some(names, places) + ": " + text);
+    if (places.size() == names.size()) return cautions.push_back(text);
+    std::vector<std::string> named;
+    for (const auto place : places) {
+      const auto is_told = [&](std::size_t row) { return std::ranges::binary_search(places, row); };
+      const auto& id = entries[place].row.id;
+      bool is_whole = several_ids;  // all rows of a condition have its name
+      for (std::size_t i = 0; i < entries.size(); ++i) is_whole &= entries[i].row.id != id || is_told(i);
+      add_once(named, is_whole ? id : names[place]);
+    }
+    // Longer names would leave no words of a caution that is cut to one line.
+    constexpr std::size_t longest = 40;
+    auto whose = join(named, ", ");
+    if (named.size() > 1 && whose.size() > longest)
+      whose = fmt::format("{} of {} rows", places.size(), names.size());
+    cautions.push_back(whose + ": " + text);
   };
   using enum Remark::Requirement;
   const auto add = [&](Remark::Requirement requirement, Remark::Weight weight = Remark::Weight::caution) {

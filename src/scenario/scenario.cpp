@@ -168,27 +168,46 @@ class File {
                              spelling::suggestion(id, {ids_.begin(), ids_.end()}), some_of(ids_)));
   }
 
+  struct Step {  // on the way down from a run to its baselines
+    std::string id;
+    std::vector<YAML::Node> below;
+    std::size_t next = 0;  // of these
+  };
+
   // `report --layers` subtracts a run's baseline, and that one's in turn: a circle has no lowest layer.
   void check_baselines() const {
-    std::set<std::string> ending;  // from these on it is known that the baselines end
-    for (const auto& [id, node] : baselines_) {
-      if (!node.IsSequence())
-        check_baseline(node);
-      else
-        for (const auto& one : node) check_baseline(one);
-      std::set<std::string> seen;
-      auto below = baselines_.find(id);
-      const auto ends = [&] { return below == baselines_.end() || ending.contains(below->first); };
-      while (!ends() && seen.insert(below->first).second) below = baselines_.find(below->second.Scalar());
-      if (!ends()) fail_with_circle(below->first, below->second);
-      ending.merge(seen);
-    }
+    std::set<std::string> ending, on_the_way;  // from the former on it is known that the baselines end
+    std::vector<Step> way;
+    const auto enter = [&](const std::string& id) {
+      const auto found = baselines_.find(id);
+      if (found == baselines_.end() || ending.contains(id)) return;
+      const auto& node = found->second;
+      way.push_back(
+          {id, node.IsSequence() ? std::vector<YAML::Node>(node.begin(), node.end()) : std::vector{node}});
+      on_the_way.insert(id);
+    };
+    for (const auto& [first, node] : baselines_)
+      for (enter(first); !way.empty();) {
+        auto& step = way.back();
+        if (step.next == step.below.size()) {
+          ending.insert(step.id);
+          on_the_way.erase(step.id);
+          way.pop_back();
+          continue;
+        }
+        const auto& below = step.below[step.next++];
+        check_baseline(below);
+        if (on_the_way.contains(below.Scalar())) fail_with_circle(way, below.Scalar());
+        enter(below.Scalar());
+      }
   }
 
-  [[noreturn]] void fail_with_circle(const std::string& id, const YAML::Node& node) const {
-    auto circle = id;
-    for (auto next = node.Scalar(); next != id; next = baselines_.at(next).Scalar()) circle += " → " + next;
-    fail(node, fmt::format("baseline: the baselines form a circle: {} → {}", circle, id));
+  [[noreturn]] void fail_with_circle(const std::vector<Step>& way, const std::string& id) const {
+    const auto first = std::ranges::find(way, id, &Step::id);
+    std::string circle;
+    for (auto step = first; step != way.end(); ++step) circle += step->id + " → ";
+    fail(first->below[first->next - 1],
+         fmt::format("baseline: the baselines form a circle: {}{}", circle, id));
   }
 
   Required take_require(Entries& entries, const RunKeys& keys) const {
