@@ -166,9 +166,14 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     for (const auto place : places) {
       const auto is_told = [&](std::size_t row) { return std::ranges::binary_search(places, row); };
       const auto& id = entries[place].row.id;
-      bool is_whole = several_ids;  // all rows of a condition have its name
-      for (std::size_t i = 0; i < entries.size(); ++i) is_whole &= entries[i].row.id != id || is_told(i);
-      add_once(named, is_whole ? id : names[place]);
+      // All rows of a condition have its name, if they are several.
+      std::size_t rows = 0, told = 0;
+      for (std::size_t i = 0; i < entries.size(); ++i)
+        if (entries[i].row.id == id) {
+          ++rows;
+          told += is_told(i) ? 1 : 0;
+        }
+      add_once(named, several_ids && rows > 1 && told == rows ? id : names[place]);
     }
     // Longer names would leave no words of a caution that is cut to one line.
     constexpr std::size_t longest = 40;
