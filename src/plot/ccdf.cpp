@@ -34,7 +34,6 @@ class Curve {
     all_ = left;
   }
   bool answered() const { return !bins_.empty(); }
-  std::int64_t greatest_ns() const { return greatest_ns_; }
   double lost() const { return share(lost_); }
   // Exact where a bin begins, and within it no more than that.
   double slower(std::int64_t ns) const {
