@@ -20,6 +20,11 @@ TEST(Spelling, OneLetterTooManyTooFewOrOtherIsFound) {
 
 TEST(Spelling, TheNearerOfTwoIsTaken) { EXPECT_EQ(nearest("pongg", commands), "pong"); }
 
+TEST(Spelling, AnotherCaseIsNearerThanAnotherLetter) {
+  EXPECT_EQ(nearest("Test1.b", {"Test1.A", "Test1.B"}), "Test1.B");
+  EXPECT_EQ(nearest("UDP", {"udp", "xdp"}), "udp");
+}
+
 TEST(Spelling, TheBeginningOfAWordIsEnough) {
   EXPECT_EQ(nearest("cyclone", {"udp", "cyclonedds"}), "cyclonedds");
   EXPECT_EQ(nearest("comp", commands), "compare");

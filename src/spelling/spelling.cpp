@@ -5,6 +5,8 @@
 #include <numeric>
 #include <utility>
 
+#include <boost/algorithm/string/predicate.hpp>
+
 namespace ontime::spelling {
 namespace {
 
@@ -28,6 +30,9 @@ std::size_t changes(const std::string& a, const std::string& b) {
 }  // namespace
 
 std::string nearest(const std::string& word, const std::vector<std::string>& words) {
+  const auto is_it = [&](const auto& one) { return boost::algorithm::iequals(one, word); };
+  if (const auto other_case = std::ranges::find_if(words, is_it); !word.empty() && other_case != words.end())
+    return *other_case;
   constexpr std::size_t letters_per_change = 3, shortest_beginning = 3;
   std::string found;
   auto least = std::max<std::size_t>(word.size() / letters_per_change, 1) + 1;
