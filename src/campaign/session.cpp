@@ -165,8 +165,10 @@ void Session::restart_components() {
 void Session::await_windows() {
   if (windows_.empty()) return;
   const auto until = Clock::now() + patience;
-  for (auto& windows : windows_) windows.order();
-  const auto all_came = [&] { return std::ranges::all_of(windows_, &Windows::all_came); };
+  const auto all_came = [&] {
+    for (auto& windows : windows_) windows.order();
+    return std::ranges::all_of(windows_, &Windows::all_came);
+  };
   coordinator_.until([&] { return all_came() || Clock::now() > until; }, 1);
   for (std::size_t i = 0; i < windows_.size(); ++i) windows_[i].write(writer_, pairs_[i]->number());
 }
@@ -185,12 +187,13 @@ void Session::await_background() {
 }
 
 std::vector<Outcome> Session::outcomes() {
-  if (run_.explain) observer_.does("reading traces");
-  await_windows();
   observer_.does("ending");
   await_background();
+  // Before the traces are read, which may take seconds: the traffic goes on meanwhile.
   for (auto& pair : pairs_) pair->end();
   auto account = machines_.end();
+  if (run_.explain) observer_.does("reading traces");
+  await_windows();
   machines_.unload();
   machines_.restore();
   std::vector<Outcome> outcomes;

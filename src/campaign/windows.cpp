@@ -65,7 +65,7 @@ void Windows::forget(std::uint64_t message) {
 }
 
 void Windows::order() {
-  if (wanted_.empty()) return;
+  if (wanted_.empty() || awaited_ > 0) return;
   for (const auto& host : machines_.traced(component_)) {
     const bool by_its_own_clock = host != "controller";
     const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;

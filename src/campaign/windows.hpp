@@ -24,7 +24,8 @@ class Windows {
   Windows(Machines&, const Run&, std::size_t number);
 
   void add(std::span<const roundtrip::Sample>);
-  // Requests the windows of the messages chosen since the last call. Call it in the loop, not in a handler.
+  // Requests the windows of the messages chosen since the last request, when all of that came: the keeper
+  // answers in turn, and other orders must not wait for many windows. Call it in the loop, not in a handler.
   void order();
   void take(const std::string& host, trace::Window window);
   // The number of the run of a window, among those that are measured at the same time. Throws Error.
