@@ -342,6 +342,7 @@ TEST_P(Evidence, APacketThatAnotherThreadQueuedIsUnknownAtTheSendersEnd) {
   EXPECT_EQ(word(part), "unknown");
   EXPECT_EQ(part.end, "controller");
   EXPECT_EQ(part.stage, Stage::left);
+  EXPECT_THAT(sentence_of(part), HasSubstr("at ping's side"));
 }
 
 TEST_P(Evidence, LostMessageNeverGivenToTheKernelIsReported) {

@@ -92,7 +92,7 @@ const Row rows[] = {
      "neigh"},
     {Cause::link_down, "link-down", none, "the link was down at {0}: {1}",
      "check the cable and the driver, and what takes the interface down: ip monitor link, journalctl -k"},
-    {Cause::unknown, "unknown", "unknown: no kernel event shows the cause"}};
+    {Cause::unknown, "unknown", "unknown: no kernel event shows the cause at {0}"}};
 
 const Row& row_of(Cause cause) { return *std::ranges::find(rows, cause, &Row::cause); }
 
