@@ -227,6 +227,11 @@ TEST(Compare, TwoShortRunsGetNoVerdict) {
   // Fewer than a tenth more or less is something.
   lost(b[0], 0.05);
   EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 points +cannot tell\n"));
+  a[0].lost = 1;
+  a[0].lost_probability.value = 0.2;
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +20 +0 +-20 +-60 … [^ ]+ points +[a-z ]+\n"));
+  a[0].lost = 0;
+  a[0].lost_probability.value = 0;
   // Between half and twice, too.
   const auto p99 = [](Summary& one, double low, double high) {
     one.round_trip_certainty[statistics::Figure::p99].surer = {low * 1e6, high * 1e6};

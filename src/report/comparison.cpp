@@ -77,13 +77,6 @@ std::string difference_of(const Quantity& row, double difference) {
 
 const char* unit_of(const Quantity& row) { return row.is_share() ? " points" : ""; }
 
-// "+9.2 points", "+110 %".
-std::string change_cell(const Quantity& row, const statistics::Change& change) {
-  if (change.ratio) return in_percent(*change.ratio);
-  if (change.is_of_unequal_numbers || change.from == change.to) return nothing;
-  return difference_of(row, change.to - change.from) + unit_of(row);
-}
-
 // "-3 % … +12 %"; of what has no ratio that of the difference.
 std::string lies(const Quantity& row, const statistics::Change& change) {
   const auto ends = [](const auto& low, const auto& high, auto text) {
@@ -94,6 +87,13 @@ std::string lies(const Quantity& row, const statistics::Change& change) {
   if (change.ratio) return ends(low, high, in_percent);
   const auto text = ends(low, high, [&](double value) { return difference_of(row, value); });
   return text == nothing ? text : text + unit_of(row);
+}
+
+// "+9.2 points", "+110 %". The unit is not said again beside an interval that has it.
+std::string change_cell(const Quantity& row, const statistics::Change& change) {
+  if (change.ratio) return in_percent(*change.ratio);
+  if (change.is_of_unequal_numbers || change.from == change.to) return nothing;
+  return difference_of(row, change.to - change.from) + (lies(row, change) == nothing ? unit_of(row) : "");
 }
 
 bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
