@@ -183,7 +183,7 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the component's CPU time"));
   EXPECT_THAT(text, Not(HasSubstr("of the controller's CPU time")));
   EXPECT_THAT(text, HasSubstr("wake-up latency was 84 % of the longest answered wait"));
-  EXPECT_THAT(text, AllOf(HasSubstr("sender woke up to 50500 µs late"), HasSubstr("RT throttling (kernel.")));
+  EXPECT_THAT(text, HasSubstr("sender woke 50.5 ms late; likely cause: RT throttling (kernel."));
   const auto document = json::parse(render({one}, Format::json));
   EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
   for (const auto* host : {"controller", "component"}) {
@@ -245,10 +245,8 @@ TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
     one.parts->there.max = there_ns;
     return remarks(one);
   };
-  EXPECT_THAT(said(51'000'000, 0),
-              AllOf(HasSubstr("answered up to 51000 µs late"), HasSubstr("RT throttling")));
-  EXPECT_THAT(said(0, 52'040'000),
-              AllOf(HasSubstr("received up to 52000 µs late"), HasSubstr("RT throttling")));
+  EXPECT_THAT(said(51'000'000, 0), AllOf(HasSubstr("answered 51 ms late"), HasSubstr("RT throttling")));
+  EXPECT_THAT(said(0, 52'040'000), AllOf(HasSubstr("received 52 ms late"), HasSubstr("RT throttling")));
   EXPECT_THAT(said(20'000'000, 20'000'000), Not(HasSubstr("throttling")));
   as_asked["link"] = {{"delay_us", 60'000}};
   EXPECT_THAT(said(0, 52'040'000), Not(HasSubstr("throttling"))) << "the link was asked to be slow";
@@ -288,8 +286,7 @@ TEST(Remarks, NameTheOneMechanismOfTheKernel) {
   for (const auto* release : {"6.1.0-56-rt-amd64", "5.10.0-32-rt", "6.11.9"})
     EXPECT_THAT(said(release), AllOf(HasSubstr("RT throttling"), Not(HasSubstr("fair server")))) << release;
   for (const auto* release : {"6.12.0", "6.18.44-fc", "7.0"})
-    EXPECT_THAT(said(release), AllOf(HasSubstr("the fair server"), Not(HasSubstr("RT throttling"))))
-        << release;
+    EXPECT_THAT(said(release), AllOf(HasSubstr("fair server"), Not(HasSubstr("RT throttling")))) << release;
 }
 
 TEST(Remarks, AreSaidOnceForAllRunsThatHaveThem) {

@@ -43,7 +43,7 @@ std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", sh
 std::string number_text(double number) {
   return grouped(static_cast<std::uint64_t>(std::min(number, 0x1p63)));
 }
-std::string microseconds_text(double ns) { return microseconds(ns) + " µs"; }
+std::string milliseconds_text(double ns) { return statistics::time_of(ns, 3); }
 
 // Delays outside the network and the server: stolen CPU time, and the sender's own wake-up latency.
 constexpr double much_stolen = 0.001;
@@ -119,7 +119,7 @@ struct Throttle {
 };
 std::optional<Throttle> throttle_of(const record::Machine& machine) {
   // RT throttling became the fair server: 50 ms of each second for ordinary threads.
-  if (realtime::is_kernel_since(6, 12, machine.kernel_release)) return Throttle{"the fair server", 50e6};
+  if (realtime::is_kernel_since(6, 12, machine.kernel_release)) return Throttle{"fair server", 50e6};
   const auto runtime_us = machine.rt_runtime_us.value_or(-1), period_us = machine.rt_period_us.value_or(-1);
   if (runtime_us < 0 || period_us <= runtime_us) return std::nullopt;
   return Throttle{fmt::format("RT throttling (kernel.sched_rt_runtime_us is {})", runtime_us),
@@ -131,10 +131,8 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
     const auto& of = find(summary.run.outcome.hosts, host);
     const auto throttle = throttle_of(of.machine);
     if (!throttle || static_cast<double>(ns) < throttle->least_ns || !ran_in_real_time(of, role)) return;
-    remarks.push_back(
-        {Weight::caution,
-         fmt::format("{} up to {{}} late; likely cause: {} on the {}", what, throttle->name, host),
-         static_cast<double>(ns), microseconds_text});
+    remarks.push_back({Weight::caution, fmt::format("{} {{}} late; likely cause: {}", what, throttle->name),
+                       static_cast<double>(ns), milliseconds_text});
   };
   suspect("controller", "send", "sender woke", summary.wake_up.max);
   suspect("component", "receive", "server answered", summary.server.max);
