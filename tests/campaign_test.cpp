@@ -461,10 +461,20 @@ TEST_F(ScenarioFile, KernelPresetIsRefinedAndAsIsRemovesASetting) {
       << "as a version that knew of none";
 }
 
+TEST_F(ScenarioFile, TimeOfAKernelSettingMayHaveItsUnit) {
+  const auto scenario = read(
+      "runs: [{id: a, transport: udp, kernel: {busy-poll: 50, busy-read: 50 us}}, {id: b, transport: udp, "
+      "kernel: {busy-poll: 1 ms}}]\n");
+  EXPECT_EQ(scenario.runs[0].kernel, (settings::Wishes{{"busy-poll", "50"}, {"busy-read", "50"}}));
+  EXPECT_EQ(scenario.runs[1].kernel, (settings::Wishes{{"busy-poll", "1000"}}));
+}
+
 TEST_F(ScenarioFile, InvalidKernelSettingsAreRefused) {
   for (const auto& [kernel, expected] :
        std::map<std::string, std::string>{{"preset: mine", "paper, none"},
                                           {"ksoftirqd: 100", "kernel.ksoftirqd: '100'"},
+                                          {"busy-poll: 1 ns", "not a whole number of microseconds"},
+                                          {"busy-poll: 2 s", "'2000000' is not a whole number from 0"},
                                           {"gro: maybe", "not on or off"},
                                           {"rmem-max: much", "kernel.rmem-max"},
                                           {"irq-thread: 9", "irq-threads"}})

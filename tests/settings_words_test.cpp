@@ -66,7 +66,7 @@ TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
   EXPECT_EQ(shown("ksoftirqd", first, "other:0"), "other");
   EXPECT_EQ(shown("timer-migration", file, "1"), "on");
   EXPECT_EQ(shown("rt-throttling", file, "-1"), "off");
-  EXPECT_EQ(shown("busy-poll", file, "50"), "50");
+  EXPECT_EQ(shown("busy-poll", file, "50"), "50 us");
   EXPECT_EQ(shown("rmem-max", file, "212992"), "212992 B");
   EXPECT_EQ(shown("ksoftirqd", first, "policy 6:0"), "policy 6:0") << "no value of ontime's";
   EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
@@ -88,6 +88,10 @@ TEST(Words, ValuesOfAllThingsAreOneThatCanBeSet) {
   EXPECT_EQ(interrupts("0"), "0");
   EXPECT_EQ(interrupts("1"), "interrupt 37 0, interrupt 38 1");
   EXPECT_EQ(values_that_keep({&setting("irq-cpus"), {}, ""}), "");
+}
+
+TEST(Words, RefusedPartOfAListIsNamed) {
+  EXPECT_THAT(refused("ksoftirqd", "60,governor=performance"), HasSubstr("'60' is not CPU=PRIORITY"));
 }
 
 TEST(Words, RefusedPriorityNamesTheOtherForms) {

@@ -4,6 +4,7 @@
 #include <string_view>
 
 #include "conditions/fields.hpp"
+#include "number.hpp"
 
 namespace ontime::conditions {
 namespace {
@@ -239,11 +240,24 @@ void set_preset(Run& run, Text text) {
 
 constexpr const char* unchanged = "as-is";
 
+// Of "50" and of "50 us" "50".
+std::string microseconds_of(Text text) {
+  if (number_in<std::int64_t>(text)) return text;
+  const auto time = duration_of(text);
+  const auto whole = std::chrono::duration_cast<std::chrono::microseconds>(time);
+  if (whole != time)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
+  return std::to_string(whole.count());
+}
+
 void set_wish(Run& run, const settings::Setting& setting, Text text) {
   run.kernel.erase(setting.name);
   if (text == unchanged) return;
-  // A size in words is a number of bytes to the kernel.
-  const auto value = setting.values == std::string_view("SIZE") ? std::to_string(bytes_of(text)) : text;
+  // A size is a number of bytes to the kernel, a time of µs.
+  const std::string_view values = setting.values;
+  const auto value = values == "SIZE"                   ? std::to_string(bytes_of(text))
+                     : values == settings::microseconds ? microseconds_of(text)
+                                                        : text;
   setting.check(value);
   run.kernel[setting.name] = value;
 }

@@ -53,6 +53,8 @@ struct Setting {
   std::string (*wanted)(const std::string& asked, const Thing&, const std::string& now);
 };
 std::span<const Setting> table();  // in the order in which they are applied
+// The values of a setting whose plain number is a time.
+inline constexpr const char* microseconds = "0-1000000";
 
 // The kinds of all things of the table, for a journal.
 std::span<const journal::Kind> kinds();

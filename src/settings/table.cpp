@@ -75,8 +75,11 @@ void check_priorities(Text asked) {
   std::set<int> cpus;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = part.find('=');
+    if (equals == part.npos)
+      throw std::invalid_argument(
+          fmt::format("'{}' is not CPU=PRIORITY; state a priority for each CPU, such as 0=60,1=other", part));
     check_number(part.substr(0, equals), 0, 1023);
-    check_priority(equals == part.npos ? "" : part.substr(equals + 1));
+    check_priority(part.substr(equals + 1));
     if (!cpus.insert(std::stoi(part)).second)
       throw std::invalid_argument(fmt::format("'{}' names CPU {} twice", asked, part.substr(0, equals)));
   }
@@ -232,7 +235,7 @@ Things napi_threads(Text interface) {
 }
 
 constexpr const char *priority = "1-99|other", *cpus = "LIST", *on_off = "on|off", *bytes = "SIZE",
-                     *us = "0-1000000";
+                     *us = microseconds;
 
 const Setting all[] = {
     {"rt-throttling", on_off, "leave 5 % of each second to tasks that are not real-time", false, "",
@@ -297,6 +300,7 @@ std::string Thing::title() const {
 
 std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
   if (setting.check == check_bytes) return now + " B";
+  if (setting.check == check_us) return now + " us";
   std::vector<std::string> words{now, "on", "off", "other", "none", realtime::list_of(online_cpus())};
   for (int number = 0; number <= 99; ++number) words.push_back(std::to_string(number));  // a priority, a CPU
   for (const auto& word : words) try {
