@@ -16,9 +16,10 @@ namespace ontime::trace {
 namespace {
 
 Error trouble(const std::string& what, int error) {
-  const auto* const remedy = error == EPERM || error == EACCES
-                                 ? " (explain needs root; a kernel in lockdown denies it even to root, see "
-                                   "/sys/kernel/security/lockdown)"
+  const bool is_denied = error == EPERM || error == EACCES;
+  const auto* const remedy = is_denied && geteuid() != 0 ? ". Fix: run as root"
+                             : is_denied ? " (a kernel in lockdown denies it even to root, see "
+                                           "/sys/kernel/security/lockdown)"
                              : error == ENOSYS
                                  ? " (explain needs Linux 5.2 or later, built with CONFIG_TRACING)"
                                  : "";
