@@ -25,7 +25,7 @@ using campaign::Error;
 using Summaries = std::vector<statistics::Summary>;
 
 struct CompareArguments {
-  std::string a, b, from, to, by, format = "table", output, plot;
+  std::string a, b, from, to, by, format, output, plot;
   std::vector<std::string> only;
   bool single_runs = false, full = false;
 };
@@ -195,7 +195,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
 }
 
 int compare(const CompareArguments& arguments, const GateFlags& flags) {
-  const auto format = format_flag(arguments.format);
+  const auto format = format_flag(arguments.format, arguments.output);
   const auto gates = flags.gates();
   if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to must be used together");
   Summaries a, b;
@@ -259,7 +259,7 @@ void add_compare(Command& app) {
       "--single-runs", arguments->single_runs,
       "with --fail-if: judge a change even if a side has one run; differences between runs are then ignored");
   add_report_format(*command, arguments->format, arguments->full);
-  add_output(*command, arguments->output);
+  add_report_output(*command, arguments->output);
   add_file(*command, "--plot", arguments->plot, "also draw a figure: .svg, .pdf or .png");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
   command->calls([arguments, flags] { return compare(*arguments, *flags); });

@@ -28,6 +28,12 @@ void add_output(Command& command, std::string& file) {
   add_file(command, "--output", file, "write to this file instead of standard output");
 }
 
+void add_report_output(Command& command, std::string& file) {
+  add_file(command, "--output", file,
+           "write to this file instead of standard output; without --format, its ending .html, .json, .csv, "
+           ".md or .tex decides the format");
+}
+
 void add_report_format(Command& command, std::string& word, bool& full) {
   command.add_option("--format", word, "table, json, csv, markdown, latex or html (default: table)")
       ->type_name("FORMAT");
@@ -58,6 +64,15 @@ report::Format format_flag(const std::string& word) {
                                     {"markdown", markdown},
                                     {"latex", latex},
                                     {"html", html}});
+}
+
+report::Format format_flag(const std::string& word, const std::string& file) {
+  using enum report::Format;
+  if (!word.empty()) return format_flag(word);
+  for (const auto& [ending, format] :
+       {std::pair(".html", html), {".json", json}, {".csv", csv}, {".md", markdown}, {".tex", latex}})
+    if (file.ends_with(ending)) return format;
+  return table;
 }
 
 bool is_json_flag(const std::string& word) {

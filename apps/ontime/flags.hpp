@@ -31,7 +31,8 @@ Option* add_list(Command&, const std::string& flag, std::vector<std::string>& va
 Option* add_file(Command&, const char* flag, std::string& file, const char* help);
 // --results, to write: refuses a folder, and a file whose folder does not exist.
 void add_results(Command&, std::string& file, const char* help);
-void add_output(Command&, std::string& file);  // --output FILE, instead of standard output
+void add_output(Command&, std::string& file);         // --output FILE, instead of standard output
+void add_report_output(Command&, std::string& file);  // --output FILE, whose ending may be the format
 // --format, for format_flag(), and --full: every table instead of the first screen.
 void add_report_format(Command&, std::string& word, bool& full);
 void add_format(Command&, std::string& word);  // --format, for is_json_flag()
@@ -41,6 +42,7 @@ void add_metrics(Command&, std::string& address);  // --metrics, for metrics_at(
 
 // The checked value of a flag. Each throws Error{2} that names the flag.
 report::Format format_flag(const std::string& word);
+report::Format format_flag(const std::string& word, const std::string& file);  // without a word by the file
 bool is_json_flag(const std::string& word);
 std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text);
 std::uint64_t bytes_flag(const std::string& flag, const std::string& text);

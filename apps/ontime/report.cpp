@@ -21,7 +21,7 @@ void add_report(Command& app) {
   auto* command =
       app.add_subcommand("report", "Shows a results file: summary, tables, or an HTML page with figures");
   struct Arguments {
-    std::string results, format = "table", output;
+    std::string results, format, output;
     std::vector<std::string> only;
     bool threads = false, layers = false, full = false;
   };
@@ -29,14 +29,14 @@ void add_report(Command& app) {
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only);
   add_report_format(*command, arguments->format, arguments->full);
-  add_output(*command, arguments->output);
+  add_report_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
                     "show each thread as the kernel reports it, instead of times");
   command->add_flag("--layers", arguments->layers, "show the cost of each layer, for runs with a baseline")
       ->excludes("--threads");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->calls([arguments, flags] {
-    const auto format = format_flag(arguments->format);
+    const auto format = format_flag(arguments->format, arguments->output);
     const auto gates = flags->gates();
     const record::Reader reader(arguments->results);
     Output output(arguments->output, kind_of(format));
