@@ -72,6 +72,7 @@ void add_lab(Command& app) {
       ->required();
   measured->machine.add(*runs);
   add_choice(*runs, measured->choice);
+  add_explain_flag(*runs, measured->choice);
   add_results(*runs, measured->results,
               "new results file, or with --resume an existing one (default: a new one here)");
   runs->add_flag(

@@ -91,6 +91,9 @@ void add_choice(Command& command, Choice& choice) {
            "use these transports instead of the scenario's");
   add_value(command, "--duration", choice.duration, "TIME",
             "duration of each run, instead of the scenario's");
+}
+
+void add_explain_flag(Command& command, Choice& choice) {
   command.add_flag("--explain", choice.selection.explain,
                    "record kernel events around late, lost and the worst messages, for `ontime explain`");
 }

@@ -21,7 +21,8 @@ struct Choice {
   campaign::Selection checked() const;  // throws Error that names the flag
 };
 void add_choice(Command&, Choice&);
-void add_cable(Command&, Choice&);  // --cable, for runs on this machine
+void add_explain_flag(Command&, Choice&);  // --explain, for runs that need not be explained
+void add_cable(Command&, Choice&);         // --cable, for runs on this machine
 
 // A new file in the current folder, named after the scenario and the time.
 std::string new_results_file(const std::string& scenario);

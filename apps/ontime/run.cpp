@@ -166,6 +166,7 @@ void add_run(Command& app) {
                    "scenario files, folders, or names that `ontime scenarios` lists")
       ->required();
   add_choice(*command, arguments->choice);
+  add_explain_flag(*command, arguments->choice);
   command->add_flag("--deploy", arguments->choice.selection.deploy,
                     "copy this program to the ssh hosts for the run, then remove it");
   add_cable(*command, arguments->choice);

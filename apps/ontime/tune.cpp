@@ -13,6 +13,7 @@
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "output.hpp"
+#include "scenario_files.hpp"
 #include "settings/settings.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
@@ -59,7 +60,11 @@ std::string set(campaign::Run& run, const std::string& said) {
 
 campaign::Run run_of(const TuneArguments& arguments) {
   if (arguments.scenario.empty()) return {};
-  const auto scenario = campaign::read_scenario(arguments.scenario, {{arguments.run}, {}, {}});
+  const auto files = scenario_files({arguments.scenario});
+  if (files.size() != 1)
+    throw Error(2, fmt::format("--scenario: {} has {} scenarios. Fix: name one of them", arguments.scenario,
+                               files.size()));
+  const auto scenario = campaign::read_scenario(files.front(), {{arguments.run}, {}, {}});
   for (const auto& run : scenario.runs) {
     if (run.isolation.any())
       throw Error(2,
@@ -86,7 +91,7 @@ std::string in_words(const settings::Change& change) {
 }
 
 void print_lines(const std::vector<std::string>& lines) {
-  for (const auto& line : lines) print(printable(line) + "\n");
+  for (const auto& line : lines) print(wrapped_lines(printable(line), reading_columns()));
 }
 
 void print_errors(const std::vector<std::string>& lines) {
@@ -114,7 +119,7 @@ int apply(const TuneArguments& arguments) {
   if (run.kernel.empty())
     throw Error(2,
                 arguments.scenario.empty()
-                    ? "nothing to set. Fix: --set NAME=VALUE, or --scenario FILE --only ID"
+                    ? "nothing to set. Fix: --set NAME=VALUE, or --scenario SCENARIO --only ID"
                     : fmt::format("run '{}' states no kernel.* keys. Fix: --set NAME=VALUE", arguments.run));
   const auto link = link_of(arguments);
   for (const auto& setting : settings::table())
@@ -264,7 +269,8 @@ void add_tune(Command& app) {
       settings +
       "\n\nExit codes: 0 OK · 2 invalid usage or input · 3 this machine cannot do it · 130 interrupted");
   auto* scenario =
-      add_file(*applied, "--scenario", arguments->scenario, "apply kernel.* of a run of this scenario");
+      add_value(*applied, "--scenario", arguments->scenario, "SCENARIO",
+                "apply kernel.* of a run of this scenario: a file, or a name that `ontime scenarios` lists");
   add_value(*applied, "--only,--run", arguments->run, "ID", "id of that run")->needs("--scenario");
   scenario->needs("--only");
   add_place(applied);

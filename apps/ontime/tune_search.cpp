@@ -70,8 +70,9 @@ void check_never(const std::string& name) {
   auto words = keys;
   for (const auto& key : keys) words.push_back(key.substr(key.rfind('.') + 1));
   if (std::ranges::find(words, name) != words.end()) return;
-  throw Error(2, fmt::format("--never: a search does not set '{}'{}. It may set: {}", name,
-                             spelling::suggestion(name, words), fmt::join(keys, ", ")));
+  const auto meant = spelling::suggestion(name, words);
+  throw Error(2, fmt::format("--never: a search does not set '{}'{}", name,
+                             meant.empty() ? fmt::format(". It may set: {}", fmt::join(keys, ", ")) : meant));
 }
 
 // The CPUs that settings may use: without those of --keep-cpus-off.
