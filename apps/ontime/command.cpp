@@ -17,6 +17,7 @@
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::app {
 namespace {
@@ -39,11 +40,17 @@ std::string meant(const CLI::App& command, const std::vector<std::string>& unkno
   return spelling::suggestion(word, words);
 }
 
-// A setting without --set: --help lists settings as NAME=VALUE.
-std::string as_set(const CLI::App& command, const std::string& word) {
-  const bool is_setting = !word.starts_with('-') && word.find('=') != std::string::npos &&
-                          command.get_option_no_throw("--set") != nullptr;
-  return is_setting ? ". Fix: --set " + table::shell_line({word}) : "";
+// A value without its option: --help lists settings as NAME=VALUE, and ping(8) takes an address.
+std::string as_value(const CLI::App& command, const std::string& word) {
+  const auto takes = [&](const char* flag) { return command.get_option_no_throw(flag) != nullptr; };
+  const auto has = [&](const char* any) { return word.find_first_of(any) != word.npos; };
+  const auto transports = transport::available();
+  const auto* const flag = word.starts_with('-')                                              ? ""
+                           : takes("--set") && has("=")                                       ? "--set "
+                           : takes("--transport") && std::ranges::count(transports, word) > 0 ? "--transport "
+                           : takes("--peer") && has(".:")                                     ? "--peer "
+                                                                                              : "";
+  return *flag == '\0' ? "" : std::string(". Fix: ") + flag + table::shell_line({word});
 }
 
 // "ontime tune apply".
@@ -59,7 +66,8 @@ const CLI::App& named(const CLI::App& from) {
 
 std::string message_of(const CLI::App* from, const CLI::Error& error) {
   const auto& command = named(*from);
-  const auto unknown = command.remaining(true);
+  auto unknown = command.remaining(true);
+  if (unknown.empty()) unknown = from->remaining(true);  // before the command: "ontime help ping"
   std::string text = error.what();
   if (!unknown.empty() && dynamic_cast<const CLI::RequiredError*>(&error) != nullptr &&
       !command.get_subcommands({}).empty())
@@ -70,7 +78,7 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   // CLI11 counts: "--duration: At Most 1 required but received 2".
   else if (const auto end = text.find(": At Most 1 required"); end != text.npos)
     text.replace(end, text.npos, " is given twice");
-  if (!unknown.empty()) text += as_set(command, unknown.front());
+  if (!unknown.empty()) text += as_value(command, unknown.front());
   return "ontime: " + text + meant(command, unknown) + "\nSee: " + path_of(command) + " --help\n";
 }
 

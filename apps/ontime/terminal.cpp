@@ -74,13 +74,25 @@ void erase_line() {
   if (std::exchange(line_is_open, false)) say("\r\033[K");
 }
 
+// On a terminal broken between words. A command at the end stays whole on a line of its own, to be copied.
+std::string fitted(const std::string& line) {
+  const auto width = columns();
+  if (isatty(STDERR_FILENO) == 0 || table::width_of(line) <= width) return line + "\n";
+  for (auto end = line.find(": "); end != line.npos; end = line.find(": ", end + 1)) {
+    const auto command = line.substr(end + 2, line.find(' ', end + 2) - end - 2);
+    if (command == "sudo" || command == "ontime" || command.ends_with("/ontime"))
+      return wrapped_lines(line.substr(0, end + 1), width) + "  " + line.substr(end + 2) + "\n";
+  }
+  return wrapped_lines(line, width);
+}
+
 // Text from elsewhere (a type name from the network, another machine's words) must not control the terminal.
 // Further lines are indented, so that only the first looks like a line of ontime.
 std::string lines_of(const std::string& text) {
-  std::istringstream lines(text);
+  std::istringstream lines("ontime: " + text);
   std::string result;
   for (std::string line; std::getline(lines, line);)
-    result += (result.empty() ? "" : "\n  ") + table::printable(line);
+    result += fitted((result.empty() ? "" : "  ") + table::printable(line));
   return result;
 }
 
@@ -111,7 +123,7 @@ void Terminal::note(const std::string& text) { print_error(text); }
 
 void Terminal::line(const std::string& text) {
   clear_progress_line();
-  say("{}\n", table::printable(text));
+  say("{}", fitted(table::printable(text)));
 }
 
 void Terminal::waits(const std::string& text) {
@@ -210,7 +222,7 @@ void Terminal::ends(const roundtrip::Counters& counters) {
   beyond_plan_ += std::max(Seconds(0), Seconds(Clock::now() - begun_ - planned_));
   ++measured_;
   erase_line();
-  say("{}  {}\n", head(), words(counters));
+  say("{}", fitted(fmt::format("{}  {}", head(), words(counters))));
 }
 
 void Terminal::recorded(std::int64_t /*run*/) {
@@ -267,7 +279,7 @@ void print(const std::string& text) {
 
 void print_error(const std::string& text) {
   clear_progress_line();
-  say("ontime: {}\n", lines_of(text));
+  say("{}", lines_of(text));
 }
 
 }  // namespace ontime::app

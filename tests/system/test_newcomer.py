@@ -59,6 +59,7 @@ class Newcomer(unittest.TestCase):
         for arguments, code, meant in ((["reprot"], 2, "'report'"), (["tune", "aply"], 2, "'apply'"),
                                        (["run", "x.yaml", "--onyl", "a"], 2, "'--only'"),
                                        (["ping", "--transprot", "udp"], 2, "'--transport'"),
+                                       (["tune", "search", "own.yaml", "--goal", "max < 1 s", "--never", "irq"], 2, "'irq-threads'?)\n"),
                                        (["run", "dmeo"], 2, "'demo'"),
                                        (["run", "own.yaml", "--transports", "upd"], 2, "'udp'"),
                                        (["ping", "--transport", "upd", "--loopback"], 2, "'udp'"),
@@ -102,6 +103,33 @@ class Newcomer(unittest.TestCase):
         said = self.ontime("ping", "--transport", "udp", "--loopback", "--cpus", "1000", code=2).stderr
         self.assertIn("--cpus", said)
         self.assertIn("1000", said)
+
+    def test_an_ordinary_user_who_asks_for_causes_is_told_the_fix(self):
+        ordinary = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"] if os.geteuid() == 0 else []
+        done = subprocess.run([*ordinary, ONTIME, "ping", "--transport", "udp", "--loopback", "--explain"], cwd="/",
+                              capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("Fix: run as root", done.stderr)
+
+    def test_ending_of_the_output_decides_the_format(self):
+        for name in ("a.ontime", "b.ontime"):
+            self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", name)
+        for command in ("report", "a.ontime"), ("compare", "a.ontime", "b.ontime"):
+            for ending, begin in ((".html", "<!DOCTYPE html>"), (".json", "{"), (".txt", None)):
+                with self.subTest(command, ending=ending):
+                    file = self.folder / f"{command[0]}{ending}"
+                    self.ontime(*command, "--output", file.name)
+                    text = file.read_text()
+                    self.assertEqual(text, self.ontime(*command, *(["--format", ending[1:]] if begin else [])).stdout)
+                    self.assertTrue(text.lower().startswith((begin or "").lower()), text[:80])
+                    self.ontime(*command, "--format", "table", "--output", f"{command[0]}-table.txt")
+
+    def test_a_value_without_its_option_is_answered_with_the_option(self):
+        for word, option in (("10.0.0.2", "--peer 10.0.0.2"), ("udp", "--transport udp")):
+            self.assertIn(f"Fix: {option}", self.ontime("ping", word, code=2).stderr)
+
+    def test_a_word_before_the_command_is_named(self):
+        self.assertIn("unexpected argument 'help'", self.ontime("help", "ping", code=2).stderr)
 
     def test_an_option_that_is_given_twice_is_refused_by_name(self):
         said = self.ontime("ping", "--transport", "udp", "--duration", "1 s", "--duration", "2 s", code=2).stderr
@@ -245,6 +273,17 @@ class Newcomer(unittest.TestCase):
                 with self.subTest(arguments, columns=columns):
                     lines = self.on_a_terminal(*arguments, columns=columns, LC_ALL="C.UTF-8").decode().splitlines()
                     self.assertEqual([line for line in lines if len(line) > columns], [])
+
+    def test_errors_break_lines_between_words_and_keep_commands_whole(self):
+        for arguments in (["run", "dmo"], ["ping", "--transport", "udp", "--loopback", "--period", "10"],
+                          ["tune", "search", "demo", "--goal", "p99 < 1 ms", "--never", "frobnicate"], ["ping"]):
+            with self.subTest(arguments):
+                shown = self.on_a_terminal(*arguments, LC_ALL="C.UTF-8").decode().replace("\r", "")
+                self.assertEqual([line for line in shown.splitlines() if len(line) > 80], [])
+                piped = self.ontime(*arguments, code=2).stderr
+                self.assertEqual(piped.count("\n"), 1)
+                self.assertEqual(shown.split(), piped.split())
+        self.assertRegex(shown, r"\n  \S*ontime ping --transport udp --loopback\n")
 
     def test_check_begins_with_its_errors_and_ends_with_their_names(self):
         done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)

@@ -48,7 +48,10 @@ sockaddr_in ipv4(const std::string& host, int port) {
   sockaddr_in address{};
   address.sin_family = AF_INET;
   if (const int code = look_up(host, address.sin_addr); code != 0)
-    throw Error(fmt::format("host '{}' not found: {}", host, gai_strerror(code)));
+    throw Error(
+        fmt::format("host '{}' not found: {}. Fix: state its address, or add the name to "
+                    "/etc/hosts or DNS",
+                    host, gai_strerror(code)));
   address.sin_port = htons(static_cast<std::uint16_t>(port));
   return address;
 }
