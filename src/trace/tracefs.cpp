@@ -17,12 +17,12 @@ namespace {
 
 Error trouble(const std::string& what, int error) {
   const bool is_denied = error == EPERM || error == EACCES;
-  const auto* const remedy = is_denied && geteuid() != 0 ? ". Fix: run as root"
-                             : is_denied ? " (a kernel in lockdown denies it even to root, see "
-                                           "/sys/kernel/security/lockdown)"
-                             : error == ENOSYS
-                                 ? " (explain needs Linux 5.2 or later, built with CONFIG_TRACING)"
-                                 : "";
+  const auto* const remedy =
+      is_denied && geteuid() != 0 ? ". explain needs root. Fix: run as root"
+      : is_denied ? " (explain needs root with CAP_SYS_ADMIN; a kernel in lockdown denies it even then, "
+                    "see /sys/kernel/security/lockdown)"
+      : error == ENOSYS ? " (explain needs Linux 5.2 or later, built with CONFIG_TRACING)"
+                        : "";
   return Error(fmt::format("{}: {}{}", what, std::generic_category().message(error), remedy));
 }
 
