@@ -82,6 +82,16 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   EXPECT_NEAR(searches[0].at("missed_below").get<double>(), 3.0 / 4000, 1e-5) << "the rule of three";
 }
 
+TEST(Searches, EndWhereARowIsLateByResponseTimeAlone) {
+  Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0)};
+  amend(summaries[1].run.outcome, "/late_by_response", 2);
+  EXPECT_THAT(report::answer_of(summaries, {}).sentence,
+              HasSubstr("Highest background.rate without a miss: 100 Hz."));
+  const auto ended = json::parse(render(summaries, Format::json)).at("searches").at(0).at("ended");
+  EXPECT_EQ(ended.at("late_by_response"), 2);
+  EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("2 late by response time of 2,000 messages"));
+}
+
 TEST(Searches, TheFirstScreenHasTheirResult) {
   const Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0), step(2, "400 Hz", 3)};
   EXPECT_THAT(report::answer_of(summaries, {}).sentence,

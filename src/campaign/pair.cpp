@@ -105,6 +105,10 @@ void Pair::listen_to(Hand& client) {
   client.on("samples", [this](const Frame& frame) {
     const auto samples = agent::samples_of(frame.bytes);
     writer_.append(number_, samples);
+    if (const auto deadline_ns = run_.task.client.deadline.count(); deadline_ns > 0)
+      late_by_response_ += static_cast<std::uint64_t>(std::ranges::count_if(samples, [&](const auto& sample) {
+        return sample.fate == roundtrip::Fate::on_time && sample.received_ns - sample.due_ns > deadline_ns;
+      }));
     told_.samples(samples);
     sampled_ = Clock::now();
   });
@@ -258,6 +262,7 @@ record::Outcome Pair::outcome() const {
   record::Outcome outcome;
   outcome.has_counters = finished_;
   outcome.counters = counters_;
+  outcome.late_by_response = late_by_response_;
   return outcome;
 }
 

@@ -83,6 +83,7 @@ class Pair {
   bool measuring_ = false;
   std::optional<Clock::time_point> gone_;  // when its component was found to be gone
   roundtrip::Counters counters_;
+  std::uint64_t late_by_response_ = 0;
   bool finished_ = false;
 };
 

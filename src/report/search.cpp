@@ -22,7 +22,7 @@ using statistics::Summary;
 // The runs of one value.
 struct Step {
   std::string value;
-  std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0;
+  std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0, late_by_response = 0;
   double effect = 1;          // the greatest design effect of its runs
   bool ended = false;         // one of them ended the search: by a count above or a reason below
   bool failed = false;        // no answer came
@@ -57,6 +57,7 @@ void add(Step& step, const Summary& summary) {
   step.late += summary.late;
   step.lost += summary.lost;
   step.skipped_cycles += summary.skipped_cycles;
+  step.late_by_response += outcome.late_by_response;
   step.effect = std::max(step.effect, summary.missed_probability.effect);
   step.failed = step.failed || outcome.error;
   step.is_short = step.is_short || any_short(outcome);
@@ -120,6 +121,8 @@ std::string why(const Step& step) {
   if (step.late > 0) parts.push_back(fmt::format("{} late", grouped(step.late)));
   if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
+  if (step.late_by_response > 0)
+    parts.push_back(fmt::format("{} late by response time", grouped(step.late_by_response)));
   if (!parts.empty()) parts = {join(parts, ", ") + " of " + many(step.messages, "message", "messages")};
   if (step.failed) parts.emplace_back("no answer from the server in time");
   if (!step.unfit.empty()) parts.push_back(step.unfit);
@@ -140,6 +143,7 @@ ordered_json json_of(const Step* step) {
           {"late", step->late},
           {"lost", step->lost},
           {"skipped_cycles", step->skipped_cycles},
+          {"late_by_response", step->late_by_response},
           {"failed", step->failed},
           {"unfit", or_null(step->unfit)},
           {"short", step->is_short}};
@@ -169,8 +173,8 @@ Table searches_table(const Group& group) {
                    {"Messages", right},  {"Miss\nprobability", right},
                    {"Ended\nat", right}, {"Because", left}};
   table.notes.emplace_back(
-      "Miss: a late or lost message, or a cycle without a message; several in a row are one here. Miss "
-      "probability: upper limit, 95 % confidence.");
+      "Miss: a message that is lost, or late by round trip or response time, or a cycle without a message; "
+      "several in a row are one here. Miss probability: upper limit, 95 % confidence.");
   return table;
 }
 
