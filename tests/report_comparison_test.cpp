@@ -2,6 +2,7 @@
 
 #include "report_comparison.hpp"
 
+#include "conditions/conditions.hpp"
 #include "report/comparison.hpp"
 
 namespace ontime::report {
@@ -303,6 +304,27 @@ TEST(Compare, ShowsWhatElseDiffers) {
                          difference("controller kernel", "6.1", "6.6?[31m")}));
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("also different (A → B)"));
   EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("also different")));
+}
+
+TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
+  const auto settings = [](const char* realtime) {
+    conditions::Run with;
+    conditions::key_named("realtime")->set(with, realtime);
+    return conditions::to_json(with).at("realtime_settings");
+  };
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1)};
+  const auto found = [&] {
+    std::string text;
+    const auto document = json::parse(render(compare(a, b), {}, Format::json));
+    for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
+      text += one.at("what").get<std::string>() + "; ";
+    return text;
+  };
+  amend(b[0].run.asked, {{"realtime", true}, {"realtime_settings", settings("on")}});
+  EXPECT_EQ(found(), "realtime; ");
+  amend(b[0].run.asked, "/realtime_settings/threads/send/priority", 95);
+  EXPECT_THAT(found(), HasSubstr("realtime_settings threads send priority; "));
 }
 
 TEST(Compare, RequestedAndAchievedDifferencesAreListed) {

@@ -30,12 +30,22 @@ void add(Values& values, const std::string& name, const json& value) {
   }
 }
 
+// Without the settings that `realtime: on`, or off, has of itself.
+json requested_in(const record::Asked& asked) {
+  constexpr const char* detail = "realtime_settings";
+  auto all = record::conditions_of(asked.document);
+  conditions::Run usual;
+  conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
+  if (record::at(all, detail) == record::at(conditions::to_json(usual), detail)) all.erase(detail);
+  return all;
+}
+
 Values values_of(const Comparison::Runs& runs) {
   Values values;
   for (const auto* run : runs) {
     const auto& asked = run->run.asked;
     const auto& outcome = run->run.outcome;
-    const auto conditions = record::conditions_of(asked.document);
+    const auto conditions = requested_in(asked);
     if (conditions.is_object())
       for (const auto& [name, value] : conditions.items()) add(values, printable(name), value);
     const auto add_text = [&](const std::string& name, const std::string& text) {
