@@ -405,8 +405,8 @@ TEST_F(ScenarioFile, DuplicateValuesAreRefused) {
               HasSubstr(":1:48: period: '10 ms' and '0.01 s' are one value"));
   for (const auto* twice :
        {"realtime: [on, On]", "realtime.lock-memory: [on, yes]", "realtime.priority: [80, 080]",
-        "realtime.cpus: [0-1, '0,1']", "explain: [off, no]", "domain: [1, 01]",
-        "link.cut: [1 s for 1 s, 1 s for 1000 ms]"})
+        "realtime.cpus: [0-1, '0,1']", "kernel.irq-threads: ['90', '090']", "explain: [off, no]",
+        "domain: [1, 01]", "link.cut: [1 s for 1 s, 1 s for 1000 ms]"})
     EXPECT_THAT(error(fmt::format("runs: [{{id: a, transport: udp, {}}}]\n", twice)),
                 HasSubstr("are one value"))
         << twice;

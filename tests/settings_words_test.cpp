@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What people write for a setting, and what they are shown.
+#include <array>
+
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
 #include "settings_fixture.hpp"
@@ -12,7 +14,7 @@ using testing::HasSubstr;
 
 std::string refused(const std::string& name, const std::string& value) {
   try {
-    setting(name).check(value);
+    setting(name).stated(value);
   } catch (const std::invalid_argument& error) {
     return error.what();
   }
@@ -32,16 +34,32 @@ TEST(Words, InvalidValuesAreRefused) {
     for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
   for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
            {"ksoftirqd",
-            {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", "", "0=60,0=50", "0=60,00=50"}},
+            {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", "", "0=60,0=50", "0=60,00=50", "0=60,"}},
            {"irq-threads", {"0", "0=60", "-1", "60 "}},
            {"threaded-napi", {"1", "yes"}},
            {"rps", {"none,1", "1-", "-"}},
            {"rmem-max", {"0", "4607", "8 MiB", "99999999999"}},
            {"governor", {"../x", "Performance"}},
            {"coalescing",
-            {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1",
-             "rx-usecs=3,rx-usecs=90"}}})
+            {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1", "rx-usecs=3,rx-usecs=90",
+             "rx-usecs=3,"}}})
     for (const auto& value : values) EXPECT_NE(refused(name, value), "") << name << ' ' << value;
+}
+
+// So '90' and '090' are no two runs, and no difference between two.
+TEST(Words, AValueHasOneSpelling) {
+  for (const auto& [name, value, spelling] : std::vector<std::array<std::string, 3>>{
+           {"irq-threads", "090", "90"},
+           {"ksoftirqd", "060", "60"},
+           {"ksoftirqd", "01=other,0=060", "0=60,1=other"},
+           {"rps", "1,0,00", "0-1"},
+           {"rps", "none", "none"},
+           {"irq-cpus", "0-1,2", "0-2"},
+           {"busy-poll", "-0", "0"},
+           {"rmem-max", "04608", "4608"},
+           {"coalescing", "adaptive-rx=off,rx-usecs=00", "rx-usecs=0,adaptive-rx=off"},
+           {"rt-throttling", "off", "off"}})
+    EXPECT_EQ(setting(name).stated(value), spelling) << name;
 }
 
 TEST(Words, OneCpuHasAPriorityOfItsOwn) {

@@ -250,16 +250,18 @@ std::string microseconds_of(Text text) {
   return std::to_string(whole.count());
 }
 
+// A size is a number of bytes to the kernel, a time of µs.
+std::string wish_of(const settings::Setting& setting, Text text) {
+  if (text == unchanged) return text;
+  const std::string_view values = setting.values;
+  return setting.stated(values == "SIZE"                   ? std::to_string(bytes_of(text))
+                        : values == settings::microseconds ? microseconds_of(text)
+                                                           : text);
+}
+
 void set_wish(Run& run, const settings::Setting& setting, Text text) {
   run.kernel.erase(setting.name);
-  if (text == unchanged) return;
-  // A size is a number of bytes to the kernel, a time of µs.
-  const std::string_view values = setting.values;
-  const auto value = values == "SIZE"                   ? std::to_string(bytes_of(text))
-                     : values == settings::microseconds ? microseconds_of(text)
-                                                        : text;
-  setting.check(value);
-  run.kernel[setting.name] = value;
+  if (auto wish = wish_of(setting, text); wish != unchanged) run.kernel[setting.name] = std::move(wish);
 }
 
 }  // namespace
@@ -355,6 +357,7 @@ Fields kernel_fields() {
                    .help = setting.help,
                    .by_default = unchanged,
                    .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); },
+                   .stated = [&setting](Text text) { return json(wish_of(setting, text)); },
                    .parts = {fmt::format("kernel.{}", setting.name)}});
   all.push_back(recorded("kernel", or_null(plain<settings::Wishes>()), &Run::kernel));
   return all;

@@ -24,11 +24,10 @@ std::vector<Wish> in_order(const Wishes& wishes) {
   for (const auto& setting : table())
     if (const auto wish = wishes.find(setting.name); wish != wishes.end()) {
       try {
-        setting.check(wish->second);
+        all.push_back({&setting, setting.stated(wish->second)});
       } catch (const std::invalid_argument& error) {
         throw Error(fmt::format("{}: {}", setting.name, error.what()));
       }
-      all.push_back({&setting, wish->second});
     }
   for (const auto& wished : wishes)
     if (std::ranges::none_of(all, [&](const Wish& wish) { return wished.first == wish.setting->name; }))

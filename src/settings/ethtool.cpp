@@ -71,7 +71,7 @@ std::string text_of(const ethtool_coalesce& state) {
 }
 
 void set(ethtool_coalesce& state, const std::string& text) {
-  std::istringstream parts(text);
+  std::istringstream parts(text + ',');  // so that nothing behind the last comma is a part, too
   std::set<std::string> names;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = std::min(part.find('='), part.size());

@@ -43,8 +43,9 @@ struct Setting {
   const char* help;
   bool of_interface;
   const char* comes_with;  // the setting that, switched on, creates its things; "": none does
-  // Throws std::invalid_argument, with a text for people, for an invalid value.
-  void (*check)(const std::string& asked);
+  // A value in its one spelling: "90" for "090". Throws std::invalid_argument, with a text for people, for an
+  // invalid one.
+  std::string (*stated)(const std::string& asked);
   // The things that it sets here, never empty. Throws journal::Error with what this kernel or interface
   // lacks, and the fix.
   std::vector<Thing> (*things)(const std::string& interface);

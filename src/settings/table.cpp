@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <set>
+#include <map>
+#include <optional>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -16,46 +17,57 @@ namespace {
 using Text = const std::string&;
 using Things = std::vector<Thing>;
 
-bool is_number(Text text, std::int64_t least, std::int64_t most) {
+std::optional<std::int64_t> number_of(Text text, std::int64_t least, std::int64_t most) {
   const auto number = number_in<std::int64_t>(text);
-  return number && *number >= least && *number <= most;
+  return number && *number >= least && *number <= most ? number : std::nullopt;
 }
-void check_number(Text text, std::int64_t least, std::int64_t most) {
-  if (!is_number(text, least, most))
+std::string number_stated(Text text, std::int64_t least, std::int64_t most) {
+  const auto number = number_of(text, least, most);
+  if (!number)
     throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
+  return std::to_string(*number);
 }
 
-void check_switch(Text asked) {
+std::string switch_stated(Text asked) {
   if (asked != "on" && asked != "off")
     throw std::invalid_argument(fmt::format("'{}' is not on or off", asked));
+  return asked;
 }
-bool is_priority(Text asked) { return asked == "other" || is_number(asked, 1, 99); }
-void check_priority(Text asked) {
+bool is_priority(Text asked) { return asked == "other" || number_of(asked, 1, 99); }
+std::string priority_stated(Text asked) {
   if (!is_priority(asked))
     throw std::invalid_argument(fmt::format("'{}' is neither a priority from 1 to 99 nor other", asked));
+  return asked == "other" ? asked : number_stated(asked, 1, 99);
 }
-void check_cpus(Text asked) {
-  if (!realtime::cpus_of(asked))
+std::string cpus_stated(Text asked) {
+  const auto cpus = realtime::cpus_of(asked);
+  if (!cpus)
     throw std::invalid_argument(fmt::format("'{}' is not a list of CPUs, such as 1 or 0-1,3", asked));
+  return realtime::list_of(*cpus);
 }
-void check_cpus_or_none(Text asked) {
-  if (asked != "none") check_cpus(asked);
-}
+std::string cpus_or_none_stated(Text asked) { return asked == "none" ? asked : cpus_stated(asked); }
 // The kernel refuses buffers below SOCK_MIN_SNDBUF (net/sock.h).
-void check_bytes(Text asked) {
+std::string bytes_stated(Text asked) {
   constexpr std::int64_t least = 4608, most = 2147483647;
-  if (!is_number(asked, least, most))
+  if (!number_of(asked, least, most))
     throw std::invalid_argument(fmt::format("{} B is not a size from {} B to {} B", asked, least, most));
+  return number_stated(asked, least, most);
 }
-void check_us(Text asked) { check_number(asked, 0, 1'000'000); }
-void check_coalescing(Text asked) {
+std::string us_stated(Text asked) { return number_stated(asked, 0, 1'000'000); }
+std::string coalescing_stated(Text asked) {
   if (asked.empty()) throw std::invalid_argument("the value is empty; state NAME=N,..., such as rx-usecs=0");
-  with_coalescing("", asked);
+  std::istringstream parts(with_coalescing("", asked));
+  std::string stated;
+  for (std::string part; std::getline(parts, part, ',');)
+    if (const auto name = part.substr(0, part.find('=') + 1); ("," + asked).find("," + name) != asked.npos)
+      stated += (stated.empty() ? "" : ",") + part;
+  return stated;
 }
-void check_governor(Text asked) {
+std::string governor_stated(Text asked) {
   const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || c == '_'; };
   if (asked.empty() || !std::all_of(asked.begin(), asked.end(), plain))
     throw std::invalid_argument(fmt::format("'{}' is not a governor, such as performance", asked));
+  return asked;
 }
 
 // The part for this CPU of "60" or "0=60,1=other"; "": none.
@@ -66,23 +78,26 @@ std::string priority_of_cpu(Text asked, int cpu) {
     if (const auto equals = part.find('='); std::stoi(part) == cpu) return part.substr(equals + 1);
   return "";
 }
-void check_priorities(Text asked) {
-  if (is_priority(asked)) return;
+std::string priorities_stated(Text asked) {
+  if (is_priority(asked)) return priority_stated(asked);
   if (asked.find('=') == asked.npos)
     throw std::invalid_argument(fmt::format(
         "'{}' is not a priority from 1 to 99, other, or a list for each CPU, such as 0=60,1=other", asked));
-  std::istringstream parts(asked);
-  std::set<int> cpus;
+  std::istringstream parts(asked + ',');  // so that nothing behind the last comma is a part, too
+  std::map<int, std::string> of_cpus;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = part.find('=');
     if (equals == part.npos)
       throw std::invalid_argument(
           fmt::format("'{}' is not CPU=PRIORITY; state a priority for each CPU, such as 0=60,1=other", part));
-    check_number(part.substr(0, equals), 0, 1023);
-    check_priority(part.substr(equals + 1));
-    if (!cpus.insert(std::stoi(part)).second)
+    const int cpu = std::stoi(number_stated(part.substr(0, equals), 0, 1023));
+    if (!of_cpus.emplace(cpu, priority_stated(part.substr(equals + 1))).second)
       throw std::invalid_argument(fmt::format("'{}' names CPU {} twice", asked, part.substr(0, equals)));
   }
+  std::string stated;
+  for (const auto& [cpu, priority] : of_cpus)
+    stated += fmt::format("{}{}={}", stated.empty() ? "" : ",", cpu, priority);
+  return stated;
 }
 
 void check_online(Text cpus) {
@@ -239,44 +254,44 @@ constexpr const char *priority = "1-99|other", *cpus = "LIST", *on_off = "on|off
 
 const Setting all[] = {
     {"rt-throttling", on_off, "leave 5 % of each second to tasks that are not real-time", false, "",
-     check_switch, throttled, throttling},
-    {"timer-migration", on_off, "move timers of idle CPUs to busy ones", false, "", check_switch, timers,
+     switch_stated, throttled, throttling},
+    {"timer-migration", on_off, "move timers of idle CPUs to busy ones", false, "", switch_stated, timers,
      one_or_zero},
-    {"governor", "NAME", "frequency governor of all CPUs, such as performance", false, "", check_governor,
+    {"governor", "NAME", "frequency governor of all CPUs, such as performance", false, "", governor_stated,
      governors, a_governor_there_is},
-    {"workqueue-cpus", cpus, "CPUs for the kernel's unbound work", false, "", check_cpus, unbound_work,
+    {"workqueue-cpus", cpus, "CPUs for the kernel's unbound work", false, "", cpus_stated, unbound_work,
      these_cpus},
-    {"rmem-max", bytes, "largest receive buffer that a socket may request", false, "", check_bytes, rmem_max,
+    {"rmem-max", bytes, "largest receive buffer that a socket may request", false, "", bytes_stated, rmem_max,
      as_asked},
-    {"rmem-default", bytes, "receive buffer of a socket that requests none", false, "", check_bytes,
+    {"rmem-default", bytes, "receive buffer of a socket that requests none", false, "", bytes_stated,
      rmem_default, as_asked},
-    {"wmem-max", bytes, "largest send buffer that a socket may request", false, "", check_bytes, wmem_max,
+    {"wmem-max", bytes, "largest send buffer that a socket may request", false, "", bytes_stated, wmem_max,
      as_asked},
-    {"wmem-default", bytes, "send buffer of a socket that requests none", false, "", check_bytes,
+    {"wmem-default", bytes, "send buffer of a socket that requests none", false, "", bytes_stated,
      wmem_default, as_asked},
-    {"busy-poll", us, "microseconds for which poll() and select() poll the device", false, "", check_us,
+    {"busy-poll", us, "microseconds for which poll() and select() poll the device", false, "", us_stated,
      busy_poll, as_asked},
-    {"busy-read", us, "microseconds for which a read polls the device", false, "", check_us, busy_read,
+    {"busy-read", us, "microseconds for which a read polls the device", false, "", us_stated, busy_read,
      as_asked},
     {"gro", on_off, "merge received packets before the stack sees them, on the interface", true, "",
-     check_switch, offloaded, as_asked},
+     switch_stated, offloaded, as_asked},
     {"coalescing", "NAME=N,...",
      "interrupt coalescing of the interface: rx-usecs, rx-frames, tx-usecs, tx-frames, adaptive-rx, "
      "adaptive-tx",
-     true, "", check_coalescing, coalesced, with_this_coalescing},
-    {"rps", "LIST|none", "CPUs that process the interface's packets", true, "", check_cpus_or_none, steered,
+     true, "", coalescing_stated, coalesced, with_this_coalescing},
+    {"rps", "LIST|none", "CPUs that process the interface's packets", true, "", cpus_or_none_stated, steered,
      these_cpus},
-    {"irq-cpus", cpus, "CPUs for the interface's interrupts", true, "", check_cpus, interrupts, these_cpus},
+    {"irq-cpus", cpus, "CPUs for the interface's interrupts", true, "", cpus_stated, interrupts, these_cpus},
     {"irq-threads", priority, "SCHED_FIFO priority of the interface's interrupt threads", true, "",
-     check_priority, interrupt_threads, with_this_priority},
+     priority_stated, interrupt_threads, with_this_priority},
     {"ksoftirqd", "1-99|other|CPU=...",
      "SCHED_FIFO priority of ksoftirqd on all CPUs, or for each CPU, such as 0=60,1=50", false, "",
-     check_priorities, softirqs, with_priority_of_its_cpu},
+     priorities_stated, softirqs, with_priority_of_its_cpu},
     {"threaded-napi", on_off, "receive the interface's packets in threads of their own (threaded NAPI)", true,
-     "", check_switch, threadable, one_or_zero},
+     "", switch_stated, threadable, one_or_zero},
     {"napi-threads", priority, "SCHED_FIFO priority of the threads of threaded NAPI", true, "threaded-napi",
-     check_priority, napi_threads, with_this_priority},
-    {"napi-cpus", cpus, "CPUs of the threads of threaded NAPI", true, "threaded-napi", check_cpus,
+     priority_stated, napi_threads, with_this_priority},
+    {"napi-cpus", cpus, "CPUs of the threads of threaded NAPI", true, "threaded-napi", cpus_stated,
      napi_threads, with_these_cpus}};
 
 }  // namespace
@@ -299,12 +314,12 @@ std::string Thing::title() const {
 }
 
 std::string value_that_keeps(const Setting& setting, const Thing& thing, const std::string& now) {
-  if (setting.check == check_bytes) return now + " B";
-  if (setting.check == check_us) return now + " us";
+  if (setting.stated == bytes_stated) return now + " B";
+  if (setting.stated == us_stated) return now + " us";
   std::vector<std::string> words{now, "on", "off", "other", "none", realtime::list_of(online_cpus())};
   for (int number = 0; number <= 99; ++number) words.push_back(std::to_string(number));  // a priority, a CPU
   for (const auto& word : words) try {
-      setting.check(word);
+      setting.stated(word);
       if (setting.wanted(word, thing, now) == now) return word;
     } catch (const std::exception&) {  // no value of this setting, or none that can be had here
     }
