@@ -103,6 +103,7 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
   const auto text =
       settings::warning(run.kernel, is_of_scenario ? campaign::application_priority(run) : usual);
   if (!text.empty()) print_error(text);
+  if (const auto note = settings::without_effect(run.kernel); !note.empty()) print_error(note);
 }
 
 // For settings, and for root's journal, which lists what was applied.

@@ -35,8 +35,9 @@ struct Look::Parts {
       return "a host's command prefix is not [ip, netns, exec, NAME]: ontime cannot look there";
     for (const auto& [host, found] : looked) {
       if (!found.at("is_root")) return of(host, "needs root. Fix: run as root");
-      if (const std::string why = found.at("cannot"); why.starts_with(name + ": "))
-        return of(host, why.substr(name.size() + 2));
+      for (const auto* reason : {"cannot", "without_effect"})
+        if (const std::string why = found.at(reason); why.starts_with(name + ": "))
+          return of(host, why.substr(name.size() + 2));
     }
     return "";
   }

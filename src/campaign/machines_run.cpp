@@ -97,6 +97,10 @@ std::vector<std::string> Machines::tune(const Together& runs) {
         if (tuned.contains("refused")) throw Refused(text, tuned.at("refused"));
         throw Error(3, text);
       }
+      if (const auto note = tuned.value("note", ""); !note.empty()) {
+        const auto text = fmt::format("on the {}, kernel.{}", host, note);
+        if (warned_.insert(text).second) observer_.note(text);
+      }
     }
   return shared;
 }

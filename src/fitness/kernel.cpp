@@ -26,14 +26,14 @@ std::string how_to_install_rt(const Look& look) {
   return "install a PREEMPT_RT kernel of your distribution, and reboot";
 }
 
-// Since Linux 6.12 the fair server is there instead; only control groups that have a budget are throttled.
 bool throttles(const Look& look) {
   constexpr std::string_view before = "Linux version ";
   const auto version = look.text("/proc/version").value_or("");
-  if (!version.starts_with(before) || !realtime::is_kernel_since(6, 12, version.substr(before.size())))
-    return true;
-  return std::ranges::any_of(realtime::budget_files(look.text("/proc/self/cgroup").value_or("")),
-                             [&](const auto& file) { return look.exists(file); });
+  const bool has_budget =
+      std::ranges::any_of(realtime::budget_files(look.text("/proc/self/cgroup").value_or("")),
+                          [&](const auto& file) { return look.exists(file); });
+  return !version.starts_with(before) ||
+         realtime::throttles_real_time(version.substr(before.size()), has_budget);
 }
 
 }  // namespace

@@ -11,12 +11,14 @@
 //                         {place, interface, address, port: of the controller's bridge, "" without a
 //                         bridge}; cable: null, or the names of two interfaces that join the controller
 //                         and its one component; wire: null, or {bits_per_s, vlan}
-//   tune   {host, link, wishes}  tuned {}: all settings are applied to a host, until restore; or {error,
-//                         refused: the setting that this machine cannot have}, and nothing is changed;
-//                         without `refused` the error is not about a setting
+//   tune   {host, link, wishes}  tuned {note: of a setting without effect, for people, or ""}: all settings
+//                         are applied to a host, until restore; or {error, refused: the setting that this
+//                         machine cannot have}, and nothing is changed; without `refused` the error is not
+//                         about a setting
 //   look   {link, wishes} looked {interface: "" where it is not known, network_namespace, cannot: "NAME: why"
-//                         this machine cannot have the setting, or "", is_root, cpu_latency: why it takes no
-//                         such request, or ""}; nothing is changed
+//                         this machine cannot have the setting, or "", without_effect: "NAME: why" it has
+//                         none here, or "", is_root, cpu_latency: why it takes no such request, or ""};
+//                         nothing is changed
 //   isolate {host, link, wish}
 //                         isolated {stay: what can still run on the reserved CPUs, for people, or ""},
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed

@@ -59,6 +59,7 @@ json look(const json& order) {
   return {{"interface", link.interface},
           {"network_namespace", link.network_namespace},
           {"cannot", why_not(order.at("wishes").get<settings::Wishes>(), link)},
+          {"without_effect", settings::without_effect(order.at("wishes"))},
           {"is_root", geteuid() == 0},
           {"cpu_latency", request.refusal() ? request.refusal()->found : ""}};
 }
@@ -67,9 +68,9 @@ json Tuned::apply(const json& order) {
   try {
     journal_.hold();  // first: while another ontime holds the machine, an error is not about settings
     const auto link = link_of(order.at("link"));
-    auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
-    hosts_[order.at("host")] = {link, std::move(changes)};
-    return json::object();
+    const settings::Wishes wishes = order.at("wishes");
+    hosts_[order.at("host")] = {link, settings::apply(journal_, wishes, link)};
+    return {{"note", settings::without_effect(wishes)}};
   } catch (const journal::Error& error) {
     return {{"error", fmt::format("kernel: {}", error.what())}};
   } catch (const machine::Error& error) {

@@ -103,6 +103,10 @@ std::vector<std::string> budget_files(const std::string& cgroup) {
   return files;
 }
 
+bool throttles_real_time(const std::string& release, bool has_budget) {
+  return has_budget || !is_kernel_since(6, 12, release);
+}
+
 std::string file_of_empty_realtime_budget() {
   for (const auto& file : budget_files(process::text_of("/proc/self/cgroup").value_or("")))
     if (const auto budget = process::number(process::text_of(file))) return budget == 0 ? file : "";

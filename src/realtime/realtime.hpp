@@ -89,6 +89,9 @@ bool has_capability(const std::string& status, int capability);
 // Of the text of /proc/PID/cgroup: the first of these files that is there says how much real-time CPU time
 // its group has, in microseconds of each period; where none is, it is not limited so (cgroup v2).
 std::vector<std::string> budget_files(const std::string& cgroup);
+// Whether a kernel of that release limits real-time threads to sched_rt_runtime_us of each period. Since
+// Linux 6.12 the fair server is there instead; only control groups that have a budget are limited.
+bool throttles_real_time(const std::string& release, bool has_budget);
 // From the same text: "ontime-pong@robot.service"; "" if it is not in a system service.
 std::string service_of(const std::string& cgroup);
 

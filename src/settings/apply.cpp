@@ -8,6 +8,8 @@
 #include <net/if.h>
 #include <unistd.h>
 
+#include "process/process.hpp"
+#include "realtime/realtime.hpp"
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
@@ -213,6 +215,18 @@ std::string warning(const Wishes& wishes, int application_priority) {
       "{}: above the application's {}, so received packets of all programs are processed before it runs. "
       "Many packets of others then make messages late. Fix: measure with and without",
       above, application_priority == 0 ? "SCHED_OTHER" : std::to_string(application_priority));
+}
+
+std::string without_effect(const Wishes& wishes) {
+  if (!wishes.contains("rt-throttling")) return "";
+  const bool has_budget =
+      std::ranges::any_of(realtime::budget_files(process::text_of("/proc/self/cgroup").value_or("")),
+                          [](const auto& file) { return access(file.c_str(), F_OK) == 0; });
+  const auto release = process::text_of("/proc/sys/kernel/osrelease").value_or("");
+  if (realtime::throttles_real_time(release, has_budget)) return "";
+  return "rt-throttling: it changes nothing for real-time threads, because Linux 6.12 and later have the "
+         "fair "
+         "server instead. See fair-server in `ontime check`";
 }
 
 }  // namespace ontime::settings

@@ -96,6 +96,9 @@ journal::Value now(const Change&, const Link&);
 // A warning about priorities above the application's (0: it has none); "": none is higher.
 std::string warning(const Wishes&, int application_priority);
 
+// Of a wish that this machine's kernel accepts and does not act on, for people: "rt-throttling: …"; "": none.
+std::string without_effect(const Wishes&);
+
 // Every setting: its things, or why it cannot be set.
 struct State {
   const Setting* setting;

@@ -25,6 +25,8 @@ runs:
     kernel: {ksoftirqd: 60, busy-poll: 50, gro: on, threaded-napi: on, napi-threads: 55, rps: 0}
   - id: lacking
     kernel: {ksoftirqd: 60, irq-threads: 90}
+  - id: unthrottled
+    kernel: {rt-throttling: off}
   - id: kept
     kernel: {ksoftirqd: 60}
     isolation: {load-weight: 50}
@@ -200,6 +202,26 @@ class Tune(unittest.TestCase):
         self.assertRegex(error, "busy_poll.*another program")
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
         self.assertIn("70", [one["now"] for one in run["hosts"]["controller"]["kernel"]])
+
+    def test_throttling_that_this_kernel_does_not_have_is_told(self):
+        own_mounts()
+        release = pathlib.Path(self.folder, "release")
+        release.touch()
+        mounts = (["--bind", release, "/proc/sys/kernel/osrelease"], ["-t", "tmpfs", "none", "/sys/fs/cgroup"])  # no group has a budget
+        for mount in mounts:
+            subprocess.run(["mount", *mount], check=True)
+        try:
+            told = "rt-throttling: it changes nothing"
+            for text, is_told in (("6.11.9-rt", False), ("6.12.0-rt", True)):
+                release.write_text(text)
+                tuned = self.ontime("tune", "apply", "--set", "rt-throttling=off", "--dry-run")
+                self.assertEqual((tuned.returncode, told in tuned.stderr), (0, is_told), tuned.stderr)
+            run = self.ontime("run", self.scenario("100 ms"), "--only", "unthrottled", "--results", self.results)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            self.assertIn("on the controller, kernel." + told, run.stderr)
+        finally:
+            for mount in mounts:
+                subprocess.run(["umount", mount[-1]], check=True)
 
     # --- by hand
 
