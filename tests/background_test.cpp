@@ -210,6 +210,16 @@ TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
   signal(SIGPIPE, SIG_DFL);
 }
 
+TEST(Start, AProgramCanHaveTheCallersScheduling) {
+  std::thread([] {
+    setpriority(PRIO_PROCESS, 0, 19);
+    const process::Memory output;
+    const Child child(start({"nice"}, output.fd(), {}, Scheduling::callers).pid);
+    EXPECT_TRUE(wait_until([&] { return child.ended(); }, 60s));
+    EXPECT_EQ(output.text(), "19\n");
+  }).join();
+}
+
 TEST_F(Load, NothingOutlivesAKilledProcess) {
   Victim victim({2, 2, 2, 2, 8 * mebibyte, 8 * mebibyte}, directory_);
   ASSERT_TRUE(victim.started());

@@ -42,6 +42,7 @@ struct Plan {
   int output;
   int parent;  // a pidfd: inside a PID namespace getppid() says nothing
   const std::vector<std::string>* groups;
+  Scheduling scheduling;
   int error;
 };
 
@@ -59,7 +60,6 @@ void default_all_signals() {
 }
 
 void become_ordinary() {
-  default_all_signals();
   const sched_param no_priority{};
   sched_setscheduler(0, SCHED_OTHER, &no_priority);
   // Load of `nice ontime` would yield to everything. Without root the kernel does not let it be raised.
@@ -69,9 +69,6 @@ void become_ordinary() {
   cpu_set_t all;
   std::memset(&all, 0xff, sizeof all);
   sched_setaffinity(0, sizeof all, &all);
-  sigset_t none;
-  sigemptyset(&none);
-  pthread_sigmask(SIG_SETMASK, &none, nullptr);
 }
 
 // Runs in the parent's memory while the parent waits: only system calls are allowed.
@@ -87,7 +84,11 @@ int run(void* argument) {
       _exit(127);
     }
   }
-  become_ordinary();
+  default_all_signals();
+  if (plan->scheduling == Scheduling::ordinary) become_ordinary();
+  sigset_t none;
+  sigemptyset(&none);
+  pthread_sigmask(SIG_SETMASK, &none, nullptr);
   const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
   dup2(nothing, STDIN_FILENO);
   dup2(plan->output, STDOUT_FILENO);
@@ -123,13 +124,15 @@ bool group_gone(pid_t group) {
 
 }  // namespace
 
-Started start(const std::vector<std::string>& command, int output, const std::vector<std::string>& groups) {
+Started start(const std::vector<std::string>& command, int output, const std::vector<std::string>& groups,
+              Scheduling scheduling) {
   process::heed_ends_of_children();
   std::vector<char*> arguments;
   arguments.reserve(command.size() + 1);
   for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
-  Plan plan{arguments.data(), output, static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)), &groups, 0};
+  Plan plan{arguments.data(), output,     static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)),
+            &groups,          scheduling, 0};
 
   // Not fork(): its copy-on-write would make locked pages of ours fault again.
   constexpr std::size_t stack_bytes = 32768;

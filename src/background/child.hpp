@@ -16,15 +16,17 @@ namespace ontime::background {
 
 using process::Started;
 
-// Runs a program, found through PATH, as an ordinary process whatever the caller is: SCHED_OTHER, niceness 0
-// (without root the caller's, if that is higher), any CPU, no signal blocked or ignored, leader of its
-// process group. It reads nothing and writes both its outputs to `output`. It is killed when the calling
-// thread ends, however that ends. Where the kernel permits (root, or user namespaces) it is the first process
-// of a PID namespace, and all its descendants are killed with it. Into each file of `groups` it writes a 0
-// first: so it is in that control group, and so are all its descendants. The pid is -1 if it could not be
-// started.
+// `ordinary` whatever the caller is: SCHED_OTHER, niceness 0 (without root the caller's, if that is higher),
+// any CPU.
+enum class Scheduling { ordinary, callers };
+
+// Runs a program, found through PATH, with no signal blocked or ignored, as leader of its process group. It
+// reads nothing and writes both its outputs to `output`. It is killed when the calling thread ends, however
+// that ends. Where the kernel permits (root, or user namespaces) it is the first process of a PID namespace,
+// and all its descendants are killed with it. Into each file of `groups` it writes a 0 first: so it is in
+// that control group, and so are all its descendants. The pid is -1 if it could not be started.
 Started start(const std::vector<std::string>& command, int output,
-              const std::vector<std::string>& groups = {});
+              const std::vector<std::string>& groups = {}, Scheduling = Scheduling::ordinary);
 
 // The user that load and traffic run as: they must not have root's reserves or rights.
 inline constexpr uid_t nobody = 65534;

@@ -99,7 +99,8 @@ class Running {
 
  private:
   pid_t started(const std::vector<std::string>& command) {
-    const auto qemu = background::start(command, output_.fd());
+    // `nice ontime lab` is to leave the CPUs to other programs: QEMU is what needs them.
+    const auto qemu = background::start(command, output_.fd(), {}, background::Scheduling::callers);
     if (qemu.pid < 0)
       throw Error(fmt::format("{} cannot be started: {}", command.front(),
                               std::generic_category().message(qemu.error)));

@@ -449,6 +449,15 @@ class Machines(Lab):
         self.measured("results.ontime", scenario, "--resume")
         self.assertEqual([(run["id"], run["sent"]) for run in self.report(self.results())], [("a", 50), ("b", 50), ("c", 50)])
 
+    def test_qemu_yields_as_its_caller_does(self):
+        real = shutil.which("qemu-system-x86_64")
+        path = self.instead_of_qemu(f'#!/bin/sh\ncase "$*" in *-initrd*) nice; exit 1 ;; esac\nexec {real} "$@"\n')
+        answer = subprocess.run(["nice", "-n", "7", ONTIME, "lab", "run", self.scenario(SCENARIO % "udp"), "--results", self.results()],
+                                capture_output=True, text=True, cwd=self.folder, timeout=900, env=dict(self.environment, PATH=path))
+        if "is not available here" in answer.stderr:
+            self.skipTest(answer.stderr)
+        self.assertIn("of QEMU:\n7\n", answer.stderr)
+
     @of_all
     def test_a_machine_that_does_not_come_up_shows_its_console(self):
         real = shutil.which("qemu-system-x86_64")
