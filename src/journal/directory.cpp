@@ -118,7 +118,7 @@ std::set<std::string> named_by_journals() {
   if (!folder) return named;
   for (const auto& name : folder->journals()) {
     const auto journal = folder->open(name);
-    if (!journal.not_believed.empty()) continue;
+    if (!journal.not_used.empty()) continue;
     for (const auto& entry : parse(text_of(journal.fd.get())).entries)
       if (entry.kind == directory_kind.name) named.insert(entry.what);
   }

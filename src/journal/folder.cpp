@@ -66,6 +66,8 @@ bool lock(int fd, std::chrono::nanoseconds limit) {
   return true;
 }
 
+Error no_room(int error) { return cannot("the journal in " + folder_path(), error); }
+
 Error not_ours(const std::string& path, const std::string& fault) {
   return Error(fmt::format(
       "{} (folder of ontime's journals) is not trusted: {}. ontime changes nothing on this machine. "
@@ -108,7 +110,8 @@ std::optional<Folder> Folder::enter(bool make) {
       return {};
     }
     if (fd.get() < 0 && (errno == ENOTDIR || errno == ELOOP)) throw not_ours(path, "it is not a folder");
-    if (fd.get() < 0) throw not_ours(path, std::generic_category().message(errno));
+    if (fd.get() < 0 && errno == EACCES) throw not_ours(path, std::generic_category().message(errno));
+    if (fd.get() < 0) throw cannot(path, errno);
     const auto found = stat_of(fd.get());
     if (const auto fault = fault_of(found); !fault.empty()) throw not_ours(path, fault);
     if (!lock(fd.get(), longest_hold))
@@ -121,7 +124,11 @@ std::optional<Folder> Folder::enter(bool make) {
 }
 
 Folder::~Folder() {
-  if (fd_.get() < 0 || !journals().empty()) return;
+  try {
+    if (fd_.get() < 0 || !journals().empty()) return;
+  } catch (const Error&) {  // the next ontime removes it
+    return;
+  }
   unlinkat(fd_.get(), told, 0);
   rmdir(path_.c_str());
 }
@@ -132,9 +139,9 @@ std::vector<std::string> Folder::kept() const { return names(kept_suffix); }
 
 std::vector<std::string> Folder::names(const std::string& ending) const {
   std::vector<std::string> names;
-  const std::unique_ptr<DIR, CloseDirectory> entries(
-      fdopendir(::openat(fd_.get(), ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)));
-  if (!entries) return names;
+  const int itself = ::openat(fd_.get(), ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const std::unique_ptr<DIR, CloseDirectory> entries(itself < 0 ? nullptr : fdopendir(itself));
+  if (!entries) throw cannot(path_, errno);
   while (const auto* entry = readdir(entries.get())) {  // NOLINT(concurrency-mt-unsafe): a stream of our own
     std::string name = entry->d_name;
     if (name.ends_with(ending)) names.push_back(std::move(name));
@@ -165,24 +172,27 @@ std::pair<std::string, Fd> Folder::add_journal() {
 Folder::Opened Folder::open(const std::string& name) const {
   Opened opened;
   struct stat before {};
-  if (fstatat(fd_.get(), name.c_str(), &before, AT_SYMLINK_NOFOLLOW) != 0)
-    opened.not_believed = std::generic_category().message(errno);
-  else if (!S_ISREG(before.st_mode))
-    opened.not_believed = "it is not a file";
-  else if (before.st_nlink != 1)
-    opened.not_believed = "it has more than one name (hard link)";
-  else if (before.st_size > max_journal_bytes)
-    opened.not_believed = "it is larger than any journal";
-  else
-    opened.not_believed = fault_of(before);
-  if (!opened.not_believed.empty()) return opened;
-  opened.fd = Fd(::openat(fd_.get(), name.c_str(), O_RDWR | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
-  if (opened.fd.get() < 0)
-    opened.not_believed = std::generic_category().message(errno);
-  else if (!same(before, stat_of(opened.fd.get())))
-    opened.not_believed = "another program replaces it";
-  else
-    opened.alive = !lock(opened.fd.get(), 0s);
+  const auto not_opened = [&] {
+    opened.not_used = fmt::format("cannot be opened: {}", std::generic_category().message(errno));
+    return std::move(opened);
+  };
+  const auto not_trusted = [&](const std::string& fault) {
+    opened.not_used = fmt::format("is not trusted: {}. Fix: remove it", fault);
+    return std::move(opened);
+  };
+  if (fstatat(fd_.get(), name.c_str(), &before, AT_SYMLINK_NOFOLLOW) != 0) return not_opened();
+  if (!S_ISREG(before.st_mode)) return not_trusted("it is not a file");
+  if (before.st_nlink != 1) return not_trusted("it has more than one name (hard link)");
+  if (before.st_size > max_journal_bytes) return not_trusted("it is larger than any journal");
+  if (const auto fault = fault_of(before); !fault.empty()) return not_trusted(fault);
+  constexpr int flags = O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC;
+  opened.fd = Fd(::openat(fd_.get(), name.c_str(), O_RDWR | flags));
+  // On a disk that became read-only, what it lists can still be restored.
+  if (opened.fd.get() < 0 && errno == EROFS)
+    opened.fd = Fd(::openat(fd_.get(), name.c_str(), O_RDONLY | flags));
+  if (opened.fd.get() < 0) return not_opened();
+  if (!same(before, stat_of(opened.fd.get()))) return not_trusted("another program replaces it");
+  opened.alive = !lock(opened.fd.get(), 0s);
   return opened;
 }
 
@@ -228,16 +238,18 @@ void append(int fd, const std::string& text) {
         "the journal was removed by another program; without a journal ontime changes nothing on this "
         "machine. Fix: start ontime again");
   const auto length = lseek(fd, 0, SEEK_END);
-  if (length >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
-      fsync(fd) == 0)
-    return;
+  std::string_view rest = text;
+  // A disk that has become full takes a part, and says so only of the rest.
+  for (ssize_t taken = 0; length >= 0 && !rest.empty(); rest.remove_prefix(static_cast<std::size_t>(taken)))
+    if (taken = ::write(fd, rest.data(), rest.size()); taken < 0) break;
+  if (length >= 0 && rest.empty() && fsync(fd) == 0) return;
   const int error = errno;
-  if (length >= 0 && ftruncate(fd, length) != 0) throw cannot("the journal", errno);
-  throw cannot("the journal", error);
+  if (length >= 0 && ftruncate(fd, length) != 0) throw no_room(errno);
+  throw no_room(error);
 }
 
 void cut(int fd, std::size_t length) {
-  if (ftruncate(fd, static_cast<off_t>(length)) != 0 || fsync(fd) != 0) throw cannot("the journal", errno);
+  if (ftruncate(fd, static_cast<off_t>(length)) != 0 || fsync(fd) != 0) throw no_room(errno);
 }
 
 }  // namespace ontime::journal

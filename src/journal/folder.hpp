@@ -42,8 +42,8 @@ class Folder {
 
   struct Opened {
     Fd fd;
-    bool alive = false;        // locked by its owner; else it is locked by us
-    std::string not_believed;  // why its contents are not trusted
+    bool alive = false;    // locked by its owner; else it is locked by us
+    std::string not_used;  // why it is not read, for people: "is not trusted: …"
   };
   Opened open(const std::string& name) const;
   void remove(const std::string& name) const;

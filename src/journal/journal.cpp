@@ -25,6 +25,26 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto holder_may_end_in = 3s;
 
+struct Unheld {
+  Folder folder;
+  Journal::GivenBack given_back;
+};
+// The folder, once no other ontime holds the machine: while it is locked, none can. Restores what ended
+// processes left. Nothing if there is no folder, and none is to be made.
+std::optional<Unheld> enter_unheld(bool make, std::span<const Kind> more) {
+  // A process that was signalled or killed may take some time to end.
+  for (const auto until = Clock::now() + holder_may_end_in;; std::this_thread::sleep_for(50ms)) {
+    auto folder = make ? std::optional(Folder::make()) : Folder::find();
+    if (!folder) return {};
+    auto others = clear(*folder, more);
+    if (others.holder.empty()) return Unheld{std::move(*folder), std::move(others.given_back)};
+    if (Clock::now() > until)
+      throw Error(fmt::format(
+          "another ontime changes this machine: {}. Fix: wait until it ends, or press Ctrl-C there",
+          others.holder));
+  }  // the holder needs the folder to end
+}
+
 // For people: no control characters.
 std::string plain(std::string text) {
   std::replace_if(
@@ -50,20 +70,8 @@ Journal::~Journal() { revert(); }
 Journal::GivenBack Journal::hold() {
   if (file_ && file_->owner == getpid()) return {};
   file_.reset();
-  std::optional<Folder> entered;
-  Cleared others;
-  // A process that was signalled or killed may take some time to end.
-  for (const auto until = Clock::now() + holder_may_end_in;; std::this_thread::sleep_for(50ms)) {
-    entered.emplace(Folder::make());
-    others = clear(*entered, more_);
-    if (others.holder.empty()) break;
-    if (Clock::now() > until)
-      throw Error(fmt::format(
-          "another ontime changes this machine: {}. Fix: wait until it ends, or press Ctrl-C there",
-          others.holder));
-    entered.reset();  // the holder needs it to end
-  }
-  auto& folder = *entered;
+  auto entered = enter_unheld(true, more_);
+  auto& folder = entered->folder;
   auto [name, fd] = folder.add_journal();
   try {
     const auto [pid, command] =
@@ -74,7 +82,7 @@ Journal::GivenBack Journal::hold() {
     throw;
   }
   file_ = std::make_unique<File>(File{std::move(name), std::move(fd), getpid()});
-  return std::move(others.given_back);
+  return std::move(entered->given_back);
 }
 
 void Journal::change(const Kind& kind, const std::string& what, const Value& wanted) {
@@ -165,10 +173,11 @@ void Journal::keep() {
 }
 
 Journal::GivenBack Journal::revert_kept() {
-  auto all = hold();
-  const auto folder = Folder::make();
+  auto entered = enter_unheld(false, more_);
+  if (!entered) return {};
+  auto& [folder, all] = *entered;
   for (const auto& name : folder.kept()) revert_file(folder, name, folder.open(name), more_, all);
-  return all;
+  return std::move(all);
 }
 
 std::vector<Kept> kept(std::span<const Kind> more) {
@@ -180,8 +189,7 @@ std::vector<Kept> kept(std::span<const Kind> more) {
   for (const auto& name : names) {
     const auto path = folder->path() + '/' + name;
     const auto opened = folder->open(name);
-    if (!opened.not_believed.empty())
-      throw Error(fmt::format("{} is not trusted: {}. Fix: remove it", path, opened.not_believed));
+    if (!opened.not_used.empty()) throw Error(fmt::format("{} {}", path, opened.not_used));
     look_at(opened.fd.get(), path, more, all);
   }
   return all;

@@ -97,8 +97,8 @@ class Journal {
   // Releases the hold and keeps all changes in effect: they do not count as abandoned; only revert_kept()
   // undoes them.
   void keep();
-  // Undoes kept changes of any process, the latest first. Takes the hold first; its result is part of what is
-  // returned.
+  // Undoes kept changes of any process, the latest first. As hold(), but it needs no journal of its own, for
+  // which a full disk has no room. Not for a process that holds the machine.
   GivenBack revert_kept();
 
  private:

@@ -19,11 +19,14 @@
 namespace ontime::journal {
 namespace {
 
-// Of this thread's network namespace; 0 if the kernel has none.
-std::uint64_t cookie() {
+// Of this thread's network namespace; 0 if the kernel has none, or lets this process ask for none. `error`:
+// an errno if it cannot be known now.
+std::uint64_t cookie(int& error) {
   std::uint64_t cookie = 0;
 #ifdef SO_NETNS_COOKIE
   const Fd any(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  if (any.get() < 0 && (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS))
+    error = errno;
   socklen_t bytes = sizeof cookie;
   if (any.get() < 0 || getsockopt(any.get(), SOL_SOCKET, SO_NETNS_COOKIE, &cookie, &bytes) != 0) return 0;
 #endif
@@ -42,15 +45,17 @@ std::string network_identity(int fd) {
   if (fstat(fd, &found) != 0 || fstatfs(fd, &files) != 0 || files.f_type != NSFS_MAGIC) return "";
   bool is_network = true;
   std::uint64_t number = 0;
+  int error = 0;
   // The kernel refuses a namespace of another kind (EINVAL) before it asks whether the caller may enter.
   // qemu-user lacks the ioctl that would tell the kind.
   std::thread([&] {
     if (setns(fd, CLONE_NEWNET) == 0)
-      number = cookie();
+      number = cookie(error);
     else
       is_network = errno != EINVAL;
   }).join();
   if (!is_network) return "";
+  if (error != 0) throw cannot("/proc/self/ns/net", error);
   return fmt::format("{}:{}:{}", found.st_dev, found.st_ino, number);
 }
 

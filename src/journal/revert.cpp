@@ -139,7 +139,8 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
                                           : ""));
           break;
         case Fate::out_of_sight:
-          throw Error(fmt::format("{} {} of another {} namespace is not visible here", entry.kind, entry.what,
+          throw Error(fmt::format("{} {} of another {} namespace, which is not visible here or was deleted",
+                                  entry.kind, entry.what,
                                   kind->scope == Scope::mount_namespace ? "mount" : "network"));
       }
       entry.done = true;
@@ -220,10 +221,10 @@ void revert_file(const Folder& folder, const std::string& name, const Folder::Op
                  std::span<const Kind> more, Journal::GivenBack& all) {
   const auto path = folder.path() + '/' + name;
   Reverted one;
-  if (opened.not_believed.empty())
+  if (opened.not_used.empty())
     one = revert(opened.fd.get(), path, more);
   else
-    one.left.push_back(fmt::format("{} is not trusted: {}. Fix: remove it", path, opened.not_believed));
+    one.left.push_back(fmt::format("{} {}", path, opened.not_used));
   if (one.finished) folder.remove(name);
   all.finished = all.finished && one.finished;
   std::ranges::move(one.done, std::back_inserter(all.done));

@@ -42,9 +42,13 @@ void write_file(const std::string& path, const std::string& text) {
 
 std::vector<std::string> names_in(const std::string& folder) {
   std::vector<std::string> names;
-  std::error_code none;
-  for (const auto& entry : std::filesystem::directory_iterator(folder, none))
-    names.push_back(entry.path().filename().string());
+  std::error_code error;  // also of a process that ends while its threads are listed
+  std::filesystem::directory_iterator entry(folder, error);
+  for (const std::filesystem::directory_iterator end; !error && entry != end; entry.increment(error))
+    names.push_back(entry->path().filename().string());
+  // Else what is there would be taken for gone.
+  for (const int lack : {EMFILE, ENFILE, ENOMEM})
+    if (error == std::error_code(lack, std::generic_category())) throw trouble(folder, lack);
   std::sort(names.begin(), names.end());
   return names;
 }

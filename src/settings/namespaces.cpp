@@ -24,6 +24,7 @@ bool in_another_namespace(const std::function<bool()>& is_so) {
   bool found = false;
   const auto look = [&](const std::string& file) {
     const process::Fd fd(open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
+    if (fd.get() < 0 && (errno == EMFILE || errno == ENFILE)) throw trouble(file, errno);
     struct stat status {};
     const bool is_new =
         fd.get() >= 0 && fstat(fd.get(), &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
