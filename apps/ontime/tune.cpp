@@ -153,6 +153,8 @@ int apply(const TuneArguments& arguments) {
   try {
     changes = settings::apply(journal, run.kernel, link);
     settings::remember(journal, changes, link);
+    for (const auto& change : changes) lines.push_back(in_words(change));
+    print_lines(lines);  // first: where it cannot be written, nothing stays changed
     if (interrupts > 0) {
       restore();
       return 130;
@@ -162,8 +164,6 @@ int apply(const TuneArguments& arguments) {
     restore();
     throw;
   }
-  for (const auto& change : changes) lines.push_back(in_words(change));
-  print_lines(lines);
   print_error("this lasts until `ontime tune revert` or a reboot");
   return 0;
 }
@@ -211,8 +211,9 @@ int verify(const TuneArguments& arguments) {
                    {"applied", one.after.value_or("")},
                    {"now", now},
                    {"is_so", is_so}});
-    lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "OK    " : "NOT OK", one.kind,
-                                settings::title_of(one), one.after.value_or(""), now));
+    lines.push_back(fmt::format("{} {} {}: applied {}, {}{}", is_so ? "OK    " : "NOT OK", one.kind,
+                                settings::title_of(one), one.after.value_or(""),
+                                one.unseen.empty() ? "is " : "now unknown: ", now));
   }
   if (json_asked)
     print_json(json{{"applied", all}});

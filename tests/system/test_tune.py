@@ -250,6 +250,14 @@ class Tune(unittest.TestCase):
         self.assertEqual(self.ontime("tune", "revert").returncode, 0)
         self.assert_given_back()
 
+    def test_what_cannot_be_told_is_not_applied(self):
+        with open("/dev/full", "w") as full:
+            answer = subprocess.run([ONTIME, "tune", "apply", "--set", "busy-poll=40"], stdout=full, stderr=subprocess.PIPE, text=True,
+                                    timeout=120)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertEqual(state(), self.before)
+        self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing is applied")
+
     def test_what_was_so_already_is_verified_too(self):
         self.assertEqual(self.ontime("tune", "apply", "--set", f"busy-poll={self.before[1].strip()}").returncode, 0)
         self.assertEqual(self.ontime("tune", "verify").returncode, 0)
