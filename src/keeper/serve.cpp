@@ -3,6 +3,7 @@
 #include <iterator>
 #include <map>
 #include <memory>
+#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -120,8 +121,8 @@ class Keeper final : public orders::Worker {
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       told_ = end_all();
-      add_new(told_, journal_.revert());
-      events_.tell("closed", {{"notes", told_}});
+      add_new(*told_, journal_.revert());
+      events_.tell("closed", {{"notes", *told_}});
     } else {
       throw orders::Error(3, "unknown order '" + order + "' (a bug: please report)");
     }
@@ -142,9 +143,11 @@ class Keeper final : public orders::Worker {
       auto notes = end_all();
       add_new(notes, journal_.revert());
       // The connection may be gone, and then none of these is read: each is told again at the next start.
-      add_new(notes, journal::revert_abandoned(kinds(), journal::Tell::always));
-      std::erase_if(notes,
-                    [this](const auto& line) { return std::ranges::find(told_, line) != told_.end(); });
+      const auto tell = told_ ? journal::Tell::once : journal::Tell::always;
+      add_new(notes, journal::revert_abandoned(kinds(), tell));
+      if (told_)
+        std::erase_if(notes,
+                      [this](const auto& line) { return std::ranges::find(*told_, line) != told_->end(); });
       return notes;
     } catch (const std::exception& error) {
       return {error.what()};
@@ -303,7 +306,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
-  std::vector<std::string> told_;  // what was left when all was given back
+  std::optional<std::vector<std::string>> told_;  // once all was given back: what was left
 };
 
 }  // namespace

@@ -99,6 +99,19 @@ class Endings(Program):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("ontime-controller", answer.stderr)  # it says what it found and cleared
 
+    def test_what_cannot_be_restored_is_told_once(self):
+        journal = pathlib.Path("/run/ontime/0000000000000001-00000001.journal")
+        journal.parent.mkdir(mode=0o700)
+        self.addCleanup(shutil.rmtree, journal.parent)
+        journal.write_text("of a later version\n")
+        journal.chmod(0o600)
+        told = []
+        for _ in range(2):
+            answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            told.append(answer.stderr.count(str(journal)))
+        self.assertEqual(told, [1, 0])
+
     # --- a keeper that takes its time, or is lost at the end ---
 
     def slow_programs(self):
