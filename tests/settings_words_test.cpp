@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // What people write for a setting, and what they are shown.
 #include <array>
+#include <cstdio>
+#include <fstream>
+
+#include <sched.h>
+#include <sys/mount.h>
 
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
@@ -88,6 +93,21 @@ TEST(Words, ValueThatIsShownIsOneThatCanBeSet) {
   EXPECT_EQ(shown("rmem-max", file, "212992"), "212992 B");
   EXPECT_EQ(shown("ksoftirqd", first, "policy 6:0"), "policy 6:0") << "no value of ontime's";
   EXPECT_EQ(shown("rt-throttling", file, "700000"), "700000");
+}
+
+TEST(Words, ThrottlingLeavesAPartOfThePeriodThatThisMachineHas) {
+  if (!test::has_own_run) GTEST_SKIP() << "needs root";
+  const Thing file{&kernel_sysctl, "kernel/sched_rt_runtime_us"};
+  test::in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    const std::string period = "/run/ontime-test-period";
+    std::ofstream(period) << "100000\n";
+    ASSERT_EQ(mount(period.c_str(), "/proc/sys/kernel/sched_rt_period_us", nullptr, MS_BIND, nullptr), 0);
+    EXPECT_EQ(setting("rt-throttling").wanted("on", file, "-1"), "95000");
+    EXPECT_EQ(setting("rt-throttling").wanted("off", file, "95000"), "-1");
+    EXPECT_EQ(value_that_keeps(setting("rt-throttling"), file, "95000"), "on");
+  });
+  std::remove("/run/ontime-test-period");
 }
 
 TEST(Words, ValuesOfAllThingsAreOneThatCanBeSet) {

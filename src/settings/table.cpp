@@ -111,7 +111,12 @@ void check_online(Text cpus) {
 
 std::string as_asked(Text asked, const Thing&, Text) { return asked; }
 std::string one_or_zero(Text asked, const Thing&, Text) { return asked == "on" ? "1" : "0"; }
-std::string throttling(Text asked, const Thing&, Text) { return asked == "on" ? "950000" : "-1"; }
+// The kernel refuses a runtime above its period.
+std::string throttling(Text asked, const Thing&, Text) {
+  if (asked == "off") return "-1";
+  const auto period = number_in<std::int64_t>(read_file("/proc/sys/kernel/sched_rt_period_us").value_or(""));
+  return std::to_string(period.value_or(1'000'000) * 95 / 100);
+}
 std::string these_cpus(Text asked, const Thing&, Text) {
   if (asked != "none") check_online(asked);
   return asked == "none" ? asked : realtime::list_of(*realtime::cpus_of(asked));
