@@ -258,6 +258,14 @@ class Tune(unittest.TestCase):
         self.assertEqual(state(), self.before)
         self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing is applied")
 
+    def test_a_journal_that_may_not_grow_leaves_nothing_changed(self):
+        sets = [word for name in ("busy-poll=1", "busy-read=1", "ksoftirqd=1", "rmem-max=9 MiB") for word in ("--set", name)]
+        answer = subprocess.run(["sh", "-c", 'ulimit -f 1; exec "$@"', "-", ONTIME, "tune", "apply", *sets],  # 512 bytes
+                                capture_output=True, text=True, timeout=120)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("File too large", answer.stderr)
+        self.assertEqual(state(), self.before)
+
     def test_what_was_so_already_is_verified_too(self):
         self.assertEqual(self.ontime("tune", "apply", "--set", f"busy-poll={self.before[1].strip()}").returncode, 0)
         self.assertEqual(self.ontime("tune", "verify").returncode, 0)
