@@ -62,9 +62,9 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked&, const record::Outco
 std::vector<std::string> denied(const record::Outcome&);
 
 // Of a run that is a step of a search: whether the search ends at its value. A message was late, also by
-// response time, or lost, a cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was
-// absent, and will not be there with more; or there was no answer although there was one at the first value.
-// Of one that failed in another way, or was interrupted, nothing is known.
+// response time, or lost, a cycle passed without one, or nothing was sent; not all of it was recorded; what
+// was asked for beside it was absent, and will not be there with more; or there was no answer although there
+// was one at the first value. Of one that failed in another way, or was interrupted, nothing is known.
 bool ends_search(const record::Asked&, const record::Outcome&);
 
 // What keeps a run from being judged, the most serious first. Reports, comparisons and gates use this list.
