@@ -241,7 +241,7 @@ void append(int fd, const std::string& text) {
   std::string_view rest = text;
   // A disk that has become full takes a part, and says so only of the rest.
   for (ssize_t taken = 0; length >= 0 && !rest.empty(); rest.remove_prefix(static_cast<std::size_t>(taken)))
-    if (taken = ::write(fd, rest.data(), rest.size()); taken < 0) break;
+    if (taken = ::write(fd, rest.data(), rest.size()); taken <= 0) break;
   if (length >= 0 && rest.empty() && fsync(fd) == 0) return;
   const int error = errno;
   if (length >= 0 && ftruncate(fd, length) != 0) throw no_room(errno);
