@@ -30,13 +30,18 @@ void add(Values& values, const std::string& name, const json& value) {
   }
 }
 
-// Without the settings that `realtime: on`, or off, has of itself.
+// Of the real-time settings only those that `realtime: on`, or off, does not have of itself.
 json requested_in(const record::Asked& asked) {
   constexpr const char* detail = "realtime_settings";
   auto all = record::conditions_of(asked.document);
   conditions::Run usual;
   conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
-  if (record::at(all, detail) == record::at(conditions::to_json(usual), detail)) all.erase(detail);
+  if (!record::at(all, detail).is_object()) return all;
+  auto own = all[detail].flatten();
+  const auto follows = record::at(conditions::to_json(usual), detail).flatten();
+  for (const auto& [name, value] : follows.items())
+    if (record::at(own, name) == value) own.erase(name);
+  all[detail] = own.unflatten();
   return all;
 }
 
