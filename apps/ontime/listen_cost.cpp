@@ -53,8 +53,9 @@ ordered_json ListenCost::json(const std::optional<listen::Cost>& probes) const {
 std::string ListenCost::text(const std::optional<listen::Cost>& probes) const {
   const std::chrono::duration<double> time = listened();  // steady, even if the clock is set meanwhile
   auto counted = labelled(
-      "counted", fmt::format("from {:%T}, for {:.1f} s; nodes that start later are found within 1 s",
-                             fmt::localtime(std::chrono::system_clock::to_time_t(from_)), time.count()));
+      "counted",
+      fmt::format("from {:%T}, for {:.1f} s{}", fmt::localtime(std::chrono::system_clock::to_time_t(from_)),
+                  time.count(), probes ? "; nodes that start later are found within 1 s" : ""));
   if (!is_known()) return counted;
   auto text = fmt::format("ontime {:.1f} % of one CPU", 100 * own_share());
   if (probes)
