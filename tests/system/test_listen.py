@@ -429,7 +429,8 @@ class Listen(Robot):
         listener.send_signal(signal.SIGINT)
         self.assertEqual(listener.wait(120), 2)
         remark = next(text for text in json.loads((self.folder / "seen.json").read_text())["remarks"] if "/nosuch" in text)
-        self.assertRegex(remark, r"; 1 flow has no topic name: .* replace TOPIC by --list")
+        # Other programs of this machine may have some, too.
+        self.assertRegex(remark, r"; [0-9]+ flows? ha(s|ve) no topic name: .* replace TOPIC by --list")
         self.assertNotIn("capture", remark)
 
     def test_without_privileges_it_says_what_to_grant(self):
