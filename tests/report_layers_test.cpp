@@ -52,6 +52,8 @@ TEST(LayersPage, NarrowTableOmitsBarsThenAddedCpuTime) {
   EXPECT_THAT(in(80), AllOf(Not(HasSubstr("█")), HasSubstr("CPU\n"), HasSubstr("+20.0 [20.0, 20.0]")));
   const auto narrow = in(60);
   EXPECT_THAT(narrow, AllOf(Not(HasSubstr("+0.0 [")), HasSubstr("+20.0 [20.0, 20.0]")));
+  EXPECT_THAT(in(80), Not(HasSubstr("Omitted"))) << "the bars have no name";
+  EXPECT_THAT(table::replace_all(narrow, "\n  ", " "), HasSubstr("tables: CPU added (µs)."));
   for (const auto& line : table::split(narrow, '\n')) EXPECT_LE(table::width_of(line), 60u) << line;
 }
 

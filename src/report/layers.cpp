@@ -152,10 +152,10 @@ Page layers_page_of(const Summaries& summaries) {
                           {"added (µs)"},
                           {"", left, true, 1},
                           {"CPU\n(µs)", right, false, 5},
-                          {"added (µs)", right, false, 4}}};
+                          {"CPU\nadded (µs)", right, false, 4}}};
   if (counted)
     table.columns.insert(table.columns.end(),
-                         {{"Instructions", right, false, 3}, {"added", right, false, 2}});
+                         {{"Instructions", right, false, 3}, {"Instructions\nadded", right, false, 2}});
   for (const auto& layer : layers.measured) {
     const auto& name = names.at(layer.run);
     table.rows.push_back({name,

@@ -73,7 +73,7 @@ Table fitted(Table table, std::size_t width, std::vector<std::string>& omitted) 
     if (next->dropped == 0) return table;
     const auto place = next - table.columns.begin();
     if (const auto name = replace_all(next->name, "\n", " ");
-        std::ranges::find(omitted, name) == omitted.end())
+        !name.empty() && std::ranges::find(omitted, name) == omitted.end())
       omitted.push_back(name);
     table.columns.erase(next);
     for (auto& row : table.rows) row.erase(row.begin() + place);
