@@ -164,15 +164,10 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     if (places.size() == names.size()) return cautions.push_back(text);
     std::vector<std::string> named;
     for (const auto place : places) {
-      const auto is_told = [&](std::size_t row) { return std::ranges::binary_search(places, row); };
-      const auto& id = entries[place].row.id;
       // All rows of a condition have its name, if they are several.
-      std::size_t rows = 0, told = 0;
-      for (std::size_t i = 0; i < entries.size(); ++i)
-        if (entries[i].row.id == id) {
-          ++rows;
-          told += is_told(i) ? 1 : 0;
-        }
+      const auto& id = entries[place].row.id;
+      const auto rows = std::ranges::count_if(entries, [&](const Entry& one) { return one.row.id == id; });
+      const auto told = std::ranges::count_if(places, [&](auto row) { return entries[row].row.id == id; });
       add_once(named, several_ids && rows > 1 && told == rows ? id : names[place]);
     }
     // Longer names would leave no words of a caution that is cut to one line.

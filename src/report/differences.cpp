@@ -34,9 +34,9 @@ void add(Values& values, const std::string& name, const json& value) {
 json requested_in(const record::Asked& asked) {
   constexpr const char* detail = "realtime_settings";
   auto all = record::conditions_of(asked.document);
+  if (!record::at(all, detail).is_object()) return all;
   conditions::Run usual;
   conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
-  if (!record::at(all, detail).is_object()) return all;
   auto own = all[detail].flatten();
   const auto follows = record::at(conditions::to_json(usual), detail).flatten();
   for (const auto& [name, value] : follows.items())

@@ -307,6 +307,7 @@ std::string remarks(const statistics::Summary& summary) {
 }
 
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
+  constexpr std::size_t most_named = 3;
   if (places.size() == names.size() && names.size() > 1) return "all runs";
   std::vector<std::string> some;
   for (std::size_t i = 0; i < std::min(most_named, places.size()); ++i) some.push_back(names.at(places[i]));

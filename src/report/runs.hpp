@@ -83,7 +83,6 @@ struct SharedRemark {
   Remark::Requirement requirement;
   bool names_a_run = false;
 };
-inline constexpr std::size_t most_named = 3;  // of several runs
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
 std::vector<SharedRemark> shared_remarks(const Group&);

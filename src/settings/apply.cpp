@@ -225,8 +225,7 @@ std::string without_effect(const Wishes& wishes) {
   const auto release = process::text_of("/proc/sys/kernel/osrelease").value_or("");
   if (realtime::throttles_real_time(release, has_budget)) return "";
   return "rt-throttling: it changes nothing for real-time threads, because Linux 6.12 and later have the "
-         "fair "
-         "server instead. See fair-server in `ontime check`";
+         "fair server instead. See fair-server in `ontime check`";
 }
 
 }  // namespace ontime::settings
