@@ -148,6 +148,49 @@ TEST_F(Namespaces, InvisibleNamespaceIsNotGone) {
   EXPECT_FALSE(exists());
 }
 
+// As of a container, or `unshare --mount`, all of whose processes were killed.
+TEST_F(Namespaces, WhatAnEndedMountNamespaceLeftIsRemoved) {
+  if (!mount_namespace_ended("no place")) GTEST_SKIP() << "not all processes can be looked at";
+  in_child([] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+    Victim victim([](Journal& journal) {
+      add_namespace(journal, name);
+      return "made";
+    });
+    victim.kill_9();
+  });
+  EXPECT_TRUE(exists()) << "the file below the mount that has ended";
+  EXPECT_THAT(revert_abandoned(), ElementsAre(StartsWith(std::string("removed namespace ") + name)));
+  EXPECT_FALSE(exists());
+}
+
+TEST_F(Namespaces, FolderOnADiskOfAnEndedMountNamespaceIsToldOnce) {
+  if (!mount_namespace_ended("no place")) GTEST_SKIP() << "not all processes can be looked at";
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("none", "/tmp", "tmpfs", 0, nullptr), 0);
+    set("TMPDIR", "/tmp");
+    Victim victim(make_folder);
+    victim.kill_9();
+  });
+  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("its mount namespace has ended")));
+  EXPECT_TRUE(there_is_no_folder());
+}
+
+TEST_F(Namespaces, MountNamespaceOfALivingProcessHasNotEnded) {
+  const auto here = place(Scope::mount_namespace);
+  EXPECT_FALSE(mount_namespace_ended(here));
+  Victim victim([](Journal&) {
+    EXPECT_EQ(unshare(CLONE_NEWNS), 0);
+    return place(Scope::mount_namespace);
+  });
+  EXPECT_NE(victim.said(), here);
+  EXPECT_FALSE(mount_namespace_ended(victim.said()));
+  victim.kill_9();
+}
+
 // Run by the next test, inside `ip netns exec`.
 TEST(Inside, RevertsWhatAKilledProcessLeft) {
   if (!test::inside_another()) GTEST_SKIP() << "runs inside `ip netns exec` only";

@@ -8,6 +8,7 @@
 #include <asm/socket.h>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <glob.h>
 #include <linux/magic.h>
 #include <sched.h>
 #include <sys/socket.h>
@@ -31,6 +32,10 @@ std::uint64_t cookie(int& error) {
   if (any.get() < 0 || getsockopt(any.get(), SOL_SOCKET, SO_NETNS_COOKIE, &cookie, &bytes) != 0) return 0;
 #endif
   return cookie;
+}
+
+std::string mount_identity(const struct stat& found) {
+  return fmt::format("{}:{}", found.st_dev, found.st_ino);
 }
 
 }  // namespace
@@ -66,7 +71,29 @@ std::string place(Scope scope) {
   const Fd own(open(path, O_RDONLY | O_CLOEXEC));
   struct stat found {};
   if (own.get() < 0 || fstat(own.get(), &found) != 0) throw cannot(path, errno);
-  return network ? network_identity(own.get()) : fmt::format("{}:{}", found.st_dev, found.st_ino);
+  return network ? network_identity(own.get()) : mount_identity(found);
+}
+
+bool mount_namespace_ended(const std::string& place) {
+  constexpr ino_t first_pid_namespace = 0xEFFFFFFCU;  // PROC_PID_INIT_INO of the kernel: sees all processes
+  struct stat found {};
+  if (geteuid() != 0 || stat("/proc/self/ns/pid", &found) != 0 || found.st_ino != first_pid_namespace)
+    return false;
+  const auto mounts = process::text_of("/proc/self/mountinfo").value_or("");
+  if (mounts.empty() ||
+      mounts.find(fmt::format("mnt:[{}]", place.substr(place.find(':') + 1))) != mounts.npos)
+    return false;
+  glob_t threads{};
+  // But process 1, which may not be looked at: it is where the kernel's threads are.
+  bool ended = glob("/proc/[0-9]*/task/[0-9]*", GLOB_NOSORT, nullptr, &threads) == 0;
+  for (std::size_t i = 0; ended && i < threads.gl_pathc; ++i) {
+    const auto path = fmt::format("{}/ns/mnt", threads.gl_pathv[i]);
+    const bool known = stat(path.c_str(), &found) == 0;
+    ended = known ? mount_identity(found) != place
+                  : errno == ENOENT || errno == ESRCH || path.starts_with("/proc/1/");
+  }
+  globfree(&threads);
+  return ended;
 }
 
 }  // namespace ontime::journal

@@ -21,6 +21,7 @@ enum class Fate {
   nothing_there,  // never made, or already undone by another program or a reboot
   not_ours,       // another program has changed it since
   out_of_sight,   // it may exist elsewhere
+  out_of_reach,   // it may exist, but the names that led to it are gone
 };
 
 bool is_ours(const Entry& entry, const Value& now) {
@@ -56,8 +57,12 @@ Fate undo(const Entry& entry, const Kind& kind, const Contents& contents) {
   const bool rebooted = of_another_boot(contents.header);
   if (rebooted && !kind.on_disk) return Fate::nothing_there;
   const bool same_place = rebooted || entry.where == place(kind.scope);
-  if (same_place || kind.scope == Scope::mount_namespace)  // an identity is the same from everywhere
-    return undo_from(same_place, entry, kind);
+  if (same_place) return undo_from(true, entry, kind);
+  if (kind.scope == Scope::mount_namespace) {  // an identity is the same from everywhere
+    const bool ended = mount_namespace_ended(entry.where);
+    const auto fate = undo_from(ended, entry, kind);
+    return ended && fate == Fate::nothing_there && kind.on_disk ? Fate::out_of_reach : fate;
+  }
   // Elsewhere the same name is another thing.
   const auto name = namespace_name(entry.where);
   if (!name) return was_made(entry.where, contents.entries) ? Fate::nothing_there : Fate::out_of_sight;
@@ -137,6 +142,12 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
                                       entry.before && !entry.before->empty()
                                           ? "; before that it was " + *entry.before
                                           : ""));
+          break;
+        case Fate::out_of_reach:
+          left.say(entry,
+                   fmt::format("{} {} of {} is not visible here: its mount namespace has ended. Fix: if "
+                               "it is on a disk, remove it there",
+                               entry.kind, entry.what, whose));
           break;
         case Fate::out_of_sight:
           throw Error(fmt::format("{} {} of another {} namespace, which is not visible here or was deleted",

@@ -93,6 +93,7 @@ class Isolation(unittest.TestCase):
         self.folder = tempfile.mkdtemp(prefix="ontime-test-")
         self.addCleanup(shutil.rmtree, self.folder)
         self.results = os.path.join(self.folder, "results.ontime")
+        self.ontime("tune", "revert")  # what tests that were killed left
         self.before = state()
         self.others = set(named("iperf3") + named("stress-ng"))
         self.bystander = subprocess.Popen(["sleep", "1000"])  # who asked for nothing
@@ -107,9 +108,9 @@ class Isolation(unittest.TestCase):
         return [pid for pid in named(name) if pid not in self.others]
 
     def tearDown(self):
-        self.ontime("tune", "revert")
+        answer = self.ontime("tune", "revert")
         self.assertEqual(state(), self.before)
-        self.assertFalse(os.path.exists("/run/ontime"))
+        self.assertFalse(os.path.exists("/run/ontime"), answer.stderr)
 
     def ontime(self, *arguments):
         return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
