@@ -45,7 +45,8 @@ def runs_of(results):
     """Numbers, from 1, of the search's own runs in the file, in their order."""
     if not results.exists():
         return []
-    with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+    # To write: SQLite then rolls back what a kill cut off.
+    with contextlib.closing(sqlite3.connect(f"file:{results}?mode=rw", uri=True)) as database:
         try:
             rows = database.execute("SELECT text FROM note WHERE kind = 'search' ORDER BY run, number").fetchall()
         except sqlite3.OperationalError as error:

@@ -129,7 +129,7 @@ class Neighbours(Program):
         self.assertEqual(len(self.report()), 2, "no harsher value is tried")
 
     def test_whose_callbacks_overrun_their_period_are_not_those_that_were_asked_for(self):
-        answer = self.run_ontime("run", self.scenario("1 s", text=OVERRUN, transports=DDS[:1]), "--results", self.results)
+        answer = self.run_ontime("run", self.scenario("4 s", text=OVERRUN, transports=DDS[:1]), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertRegex(answer.stderr, r"BACKGROUND TOPICS SHORTFALL: .*\d+ with a callback")
         (run,) = self.report()
