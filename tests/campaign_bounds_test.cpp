@@ -117,7 +117,9 @@ TEST_F(ScenarioFile, RunsHaveABound) {
   std::string heavy = "defaults: {transport: udp, options: {config: " + std::string(500'000, 'x') + "}}\n";
   EXPECT_THAT(error(heavy + "runs:\n  - {id: a, payload: " + list(1000) + "}\n"),
               testing::AllOf(HasSubstr(":3:5: run 'a': "), HasSubstr("32 MiB")));
-  std::string wide = "defaults:\n  transport: udp\n  options: {o: 1";
+  std::string wide =
+      "hosts: {controller: {interface: lo}, component: {interface: lo, address: 127.0.0.1}}\n"
+      "defaults:\n  transport: of-their-own\n  options: {o: 1";
   for (int i = 0; i < 10'000; ++i) wide += fmt::format(", o{}: 1", i);
   wide += "}\nruns:\n";
   for (int i = 0; i < 1000; ++i) wide += fmt::format("  - {{id: r{}}}\n", i);

@@ -212,14 +212,25 @@ TEST_F(ScenarioFile, RealtimeSettingsAreAPresetThatIsRefined) {
 
 TEST_F(ScenarioFile, ComponentMayHaveItsOwnTransport) {
   const auto scenario = read(
-      "runs: [{id: a, transport: cyclonedds, options: {port: 1}, component: {transport: [fastdds, ros2], "
-      "options: {rmw: x}}}]\n");
+      "runs: [{id: a, transport: cyclonedds, options: {config: c}, component: {transport: ros2, "
+      "options: {rmw: [w, x]}}}]\n");
   ASSERT_EQ(scenario.runs.size(), 2U);
   EXPECT_EQ(scenario.runs[1].task.transport, "cyclonedds");
   EXPECT_EQ(scenario.runs[1].component_transport, "ros2");
   EXPECT_THAT(scenario.runs[1].component_options, ElementsAre(testing::Pair("rmw", "x")));
-  EXPECT_THAT(scenario.runs[1].task.config.options, ElementsAre(testing::Pair("port", "1")));
-  EXPECT_EQ(scenario.runs[1].variant, "component.transport ros2");
+  EXPECT_THAT(scenario.runs[1].task.config.options, ElementsAre(testing::Pair("config", "c")));
+  EXPECT_EQ(scenario.runs[1].variant, "component.options.rmw x");
+}
+
+TEST_F(ScenarioFile, OptionThatItsTransportLacksIsRefusedWithTheNearest) {
+  EXPECT_THAT(
+      error("runs:\n  - {id: a, transport: udp}\n  - {id: b, transport: udp, options: {prot: 1}}\n"),
+      testing::AllOf(HasSubstr(":3:5: run 'b': transport udp has no option 'prot' (did you mean 'port'?)"),
+                     HasSubstr("port (UDP port")));
+  EXPECT_THAT(
+      error("runs: [{id: a, transport: fastdds, options: {profiles: p}, component: {transport: cyclonedds, "
+            "options: {profiles: p}}}]\n"),
+      HasSubstr("transport cyclonedds has no option 'profiles'"));
 }
 
 TEST_F(ScenarioFile, GatesDoNotMultiplyRunsAndAreCheckedWhenRead) {

@@ -256,9 +256,6 @@ TEST_P(Dds, UnsupportedConfigIsRefused) {
   config.domain = 233;
   wrong_input(config, "domain 233");
   config = client();
-  config.options["no-such"] = "1";
-  wrong_input(config, "no-such");
-  config = client();
   config.max_payload_bytes = std::size_t{1} << 40;
   wrong_input(config, "too large");
   config = client();

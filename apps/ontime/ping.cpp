@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -51,9 +53,12 @@ void add_ping(Command& app) {
     const int code = arguments->loopback
                          ? campaign::execute(on_loopback, writer, terminal, interrupts, command_line())
                          : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
-    // Also shows what a failed run measured. Without a pong there is no run.
+    // Also shows what a failed run measured. Without a pong there is no run. Of an error before the first
+    // message all is said.
     const auto measured = statistics::summarise(writer.reader(), known);
-    if (!measured.empty())
+    const bool is_said = (code == 2 || code == 3) && is_for_people(format) &&
+                         std::ranges::all_of(measured, [](const auto& one) { return one.sent == 0; });
+    if (!measured.empty() && !is_said)
       print(shown(measured, format, arguments->full, {.file = arguments->results, .is_own = true}));
     if (keeps_no_traces || (arguments->full && is_for_people(format))) explain_new(writer, known, format);
     return code;

@@ -82,14 +82,9 @@ void check(const transport::Plugin& plugin, const Task& task) {
         fmt::format("transport {} has no topic names; requested: {}, {}. Fix: separate servers by --domain "
                     "or port",
                     plugin.name, task.config.ping_topic, task.config.pong_topic));
-  for (const auto& [name, value] : task.config.options) {
-    if (std::ranges::count(plugin.options, name, &transport::Option::name) > 0) continue;
-    std::vector<std::string> others;
-    for (const auto& option : plugin.options)
-      others.push_back(fmt::format("{} ({})", option.name, option.values));
-    throw Error(2, fmt::format("transport {} has no option '{}'; it has: {}", plugin.name, name,
-                               others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", "))));
-  }
+  if (const auto why = transport::unknown_option(plugin.name, plugin.options, task.config.options);
+      !why.empty())
+    throw Error(2, why);
 }
 
 std::optional<std::uint64_t> since(const std::optional<std::uint64_t>& before,

@@ -87,6 +87,17 @@ void check_ends(const Run& run) {
       alike.empty() ? "" : fmt::format(", or use one of: {}", fmt::join(alike, ", "))));
 }
 
+// Checked before the first run, so that a misspelt option does not fail after hours.
+void check_options(const Run& run) {
+  const auto check = [](Text name, const std::map<std::string, std::string>& options) {
+    const auto known = transport::declared_options(name);
+    const auto why = known ? transport::unknown_option(name, *known, options) : "";
+    if (!why.empty()) throw std::invalid_argument(why);
+  };
+  check(run.task.transport, run.task.config.options);
+  if (!run.component_transport.empty()) check(run.component_transport, run.component_options);
+}
+
 void check_payload(const Run& run) {
   const auto& task = run.task;
   const auto beside = task.background.topics > 0 ? task.background.payload_bytes : 0;
@@ -249,6 +260,7 @@ void complete(Run& run) {
   complete_background(run);
   complete_isolation(run);
   check_ends(run);
+  check_options(run);
   check_payload(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(

@@ -18,17 +18,6 @@
 namespace ontime::transport::dds {
 namespace {
 
-void check_options(const Config& config, const std::string& transport, std::span<const Option> options) {
-  const auto unknown = std::ranges::find_if(config.options, [&](const auto& option) {
-    return std::ranges::find(options, option.first, &Option::name) == options.end();
-  });
-  if (unknown == config.options.end()) return;
-  std::string text = transport + " has no option \"" + unknown->first + "\"; it has:";
-  for (const Option& option : options)
-    text.append(" ").append(option.name).append(" = ").append(option.values);
-  throw WrongInput(text);
-}
-
 // Why ROS 2 refuses the topic name; nullptr: it accepts it. A peer with rclcpp can have no other names.
 const char* wrong_in_topic(const std::string& name) {
   constexpr std::size_t longest = 247;  // so that it fits, with its prefix, into DDS's 255
@@ -141,8 +130,7 @@ void Gaps::note(const Writer& writer, std::int64_t number) noexcept {
   if (at != lasts_.begin()) std::rotate(lasts_.begin(), at, at + 1);
 }
 
-void check(const Config& config, const std::string& transport, std::span<const Option> options) {
-  check_options(config, transport, options);
+void check(const Config& config, const std::string& transport) {
   check_topics(config, transport);
   if (config.domain < 0 || config.domain > max_domain)
     throw WrongInput(transport + ": domain " + std::to_string(config.domain) +

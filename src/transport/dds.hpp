@@ -99,7 +99,7 @@ class Gaps {
 };
 
 // Throws WrongInput if no DDS transport can do it, and Error if this host does not have the link.
-void check(const Config& config, const std::string& transport, std::span<const Option> options);
+void check(const Config& config, const std::string& transport);
 
 // For Endpoint::facts(). `source`: where its configuration comes from.
 std::map<std::string, std::string> facts(const Config& config, const std::string& middleware,

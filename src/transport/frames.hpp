@@ -62,8 +62,6 @@ std::uint64_t topic_written(const Config& config);
 std::uint64_t topic_read(const Config& config);
 // The IPv4 address of the pong that the client looks for; 0: any. Throws Error if there is no such host.
 in_addr_t wanted(const Config& config, const std::string& who);
-inline constexpr Option busy_poll{"busy-poll",
-                                  "on|off: the receive thread polls without sleeping; it needs its own CPU"};
 // Throws WrongInput for words other than on and off.
 bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);

@@ -162,6 +162,30 @@ std::optional<Capabilities> declared(const std::string& name) {
   }
 }
 
+std::optional<std::span<const Option>> declared_options(const std::string& name) {
+  if (const auto* const own = shipped(name)) return own->options;
+  try {
+    return load(name).options;
+  } catch (const Error&) {
+    return {};
+  }
+}
+
+std::string unknown_option(const std::string& transport, std::span<const Option> its,
+                           const std::map<std::string, std::string>& options) {
+  std::vector<std::string> names, described;
+  for (const auto& option : its) {
+    names.emplace_back(option.name);
+    described.push_back(fmt::format("{} ({})", option.name, option.values));
+  }
+  for (const auto& [name, value] : options)
+    if (std::ranges::find(names, name) == names.end())
+      return fmt::format("transport {} has no option '{}'{}; it has: {}", transport, name,
+                         spelling::suggestion(name, names),
+                         names.empty() ? "none" : fmt::format("{}", fmt::join(described, ", ")));
+  return "";
+}
+
 std::vector<std::string> available() {
   std::set<std::string> names;
   for (const auto& folder : search_path()) {

@@ -228,7 +228,8 @@ struct Plugin {
   std::string (*version)();  // the middleware's, as it reports it itself
   Capabilities capabilities;
   std::span<const Option> options;
-  // Throws Error. Everything that the first message needs exists when it returns, peers apart.
+  // Its options are among these. Throws Error. Everything that the first message needs exists when it
+  // returns, peers apart.
   std::unique_ptr<Endpoint> (*open)(const Config&, Sink&);
   // Only with Capabilities::hears. `topics`: as ROS 2 names them. Throws Error.
   std::unique_ptr<Hearing> (*hear)(int domain, const std::set<std::string>& topics) = nullptr;
@@ -244,6 +245,10 @@ std::string find(const std::string& name);
 // What it declares: one of ontime's own by the list in shipped.hpp, another by its plug-in, which this loads.
 // Nothing if that is not installed here: the agent that opens it then asks it.
 std::optional<Capabilities> declared(const std::string& name);
+std::optional<std::span<const Option>> declared_options(const std::string& name);
+// Which of these options the transport does not have, and which it has, for people; "": it has them all.
+std::string unknown_option(const std::string& transport, std::span<const Option> its,
+                           const std::map<std::string, std::string>& options);
 // The names that load() would find, sorted.
 std::vector<std::string> available();
 

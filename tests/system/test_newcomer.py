@@ -285,6 +285,12 @@ class Newcomer(unittest.TestCase):
                 self.assertEqual(shown.split(), piped.split())
         self.assertRegex(shown, r"\n  \S*ontime ping --transport udp --loopback\n")
 
+    def test_an_error_before_the_first_message_stands_alone(self):
+        for arguments in (["--option", "prot=7"], ["--payload", "1 MB"], ["--loopback", "--option", "port=70000"]):
+            done = subprocess.run([ONTIME, "ping", "--transport", "udp", *arguments], cwd=self.folder, capture_output=True, text=True,
+                                  timeout=120)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+
     def test_check_begins_with_its_errors_and_ends_with_their_names(self):
         done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)
         marks = re.findall(r"^(error  |warning|       ) ([a-z-]+): ", done.stdout, re.MULTILINE)

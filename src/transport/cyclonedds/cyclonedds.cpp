@@ -27,8 +27,6 @@
 namespace ontime::transport::cyclonedds {
 namespace {
 
-constexpr Option options[] = {{"config", "FILE or URI of Cyclone's XML"}};
-
 dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
   if (entity >= 0) return entity;
   const std::string why = log.text();
@@ -203,7 +201,7 @@ CycloneEndpoint::~CycloneEndpoint() {
 }
 
 std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& sink, Where where) {
-  dds::check(config, "cyclonedds", options);
+  dds::check(config, "cyclonedds");
   return std::make_unique<CycloneEndpoint>(config, sink, *this, where);
 }
 
@@ -370,7 +368,7 @@ std::map<std::string, std::string> CycloneEndpoint::facts() {
 std::string version() { return DDS_VERSION; }
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
-  dds::check(config, "cyclonedds", options);
+  dds::check(config, "cyclonedds");
   return std::make_unique<CycloneEndpoint>(config, sink);
 }
 
@@ -382,5 +380,5 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .name = "cyclonedds",
     .version = ontime::transport::cyclonedds::version,
     .capabilities = ontime::transport::shipped("cyclonedds")->can,
-    .options = ontime::transport::cyclonedds::options,
+    .options = ontime::transport::shipped("cyclonedds")->options,
     .open = ontime::transport::cyclonedds::open};

@@ -159,8 +159,6 @@ class Packets {
   std::uint64_t dropped_ = 0;
 };
 
-constexpr Option options[] = {frames::busy_poll};
-
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   constexpr std::size_t any_frame = ~std::size_t{0};
   return std::make_unique<frames::End<Packets>>(config, sink, frames::link_of(config, who, any_frame), who);
@@ -178,5 +176,5 @@ const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
                                                  "ethernet",
                                                  ontime::transport::kernel_version,
                                                  ontime::transport::shipped("ethernet")->can,
-                                                 ontime::transport::options,
+                                                 ontime::transport::shipped("ethernet")->options,
                                                  ontime::transport::open};

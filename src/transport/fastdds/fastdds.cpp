@@ -36,8 +36,6 @@ namespace {
 using vendor::DomainParticipantFactory;
 using vendor::StatusMask;
 
-constexpr Option options[] = {{"profiles", "FILE of Fast DDS's XML profiles"}};
-
 constexpr std::size_t preallocated_bytes = std::size_t{4} << 20;
 
 // The sample that is written …
@@ -296,7 +294,7 @@ FastEndpoint::~FastEndpoint() {
 }
 
 std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink, Where where) {
-  dds::check(config, "fastdds", options);
+  dds::check(config, "fastdds");
   return std::make_unique<FastEndpoint>(config, sink, where == Where::same_process ? nullptr : this);
 }
 
@@ -399,7 +397,7 @@ std::map<std::string, std::string> FastEndpoint::facts() {
 std::string version() { return vendor_version; }
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
-  dds::check(config, "fastdds", options);
+  dds::check(config, "fastdds");
   return std::make_unique<FastEndpoint>(config, sink, nullptr);
 }
 
@@ -417,6 +415,6 @@ const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
                                                  .name = "fastdds",
                                                  .version = ontime::transport::fastdds::version,
                                                  .capabilities = ontime::transport::fastdds::capabilities(),
-                                                 .options = ontime::transport::fastdds::options,
+                                                 .options = ontime::transport::shipped("fastdds")->options,
                                                  .open = ontime::transport::fastdds::open,
                                                  .hear = ontime::transport::fastdds::hear};

@@ -400,7 +400,7 @@ OpenEndpoint::~OpenEndpoint() {
 }
 
 std::unique_ptr<Endpoint> OpenEndpoint::beside(const Config& config, Sink& sink, Where where) {
-  dds::check(config, "opendds", {});
+  dds::check(config, "opendds");
   if (where == Where::same_process) return std::make_unique<OpenEndpoint>(config, sink);
   return std::make_unique<OpenEndpoint>(config, sink, *this);
 }
@@ -581,7 +581,7 @@ std::map<std::string, std::string> OpenEndpoint::facts() {
 std::string version() { return DDS_VERSION; }
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
-  dds::check(config, "opendds", {});
+  dds::check(config, "opendds");
   return std::make_unique<OpenEndpoint>(config, sink);
 }
 
@@ -593,5 +593,5 @@ const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
                                                  .name = "opendds",
                                                  .version = ontime::transport::opendds::version,
                                                  .capabilities = ontime::transport::shipped("opendds")->can,
-                                                 .options = {},
+                                                 .options = ontime::transport::shipped("opendds")->options,
                                                  .open = ontime::transport::opendds::open};

@@ -299,16 +299,10 @@ class Udp final : public Endpoint {
   std::thread listener_;
 };
 
-constexpr Option options[] = {{"port", "UDP port that pong listens on (7900 + domain), at both ends"}};
-
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
     throw WrongInput(fmt::format("udp carries at most {} bytes of payload, requested: {}", max_payload,
                                  config.max_payload_bytes));
-  for (const auto& [name, value] : config.options)
-    if (name != options[0].name)
-      throw WrongInput(
-          fmt::format("udp has no option \"{}\"; it has: {} = {}", name, options[0].name, options[0].values));
   return std::make_unique<Udp>(config, sink);
 }
 
@@ -320,5 +314,5 @@ const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
                                                  .name = "udp",
                                                  .version = ontime::transport::kernel_version,
                                                  .capabilities = ontime::transport::shipped("udp")->can,
-                                                 .options = ontime::transport::options,
+                                                 .options = ontime::transport::shipped("udp")->options,
                                                  .open = ontime::transport::open};

@@ -236,9 +236,6 @@ class Queue {
   std::uint32_t free_count_ = 0;
 };
 
-constexpr Option options[] = {frames::busy_poll,
-                              {"queue", "the queue of the interface to send and receive on (0)"}};
-
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   auto link = frames::link_of(config, who, largest_frame);
   if (link.loopback)
@@ -256,5 +253,5 @@ const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
                                                  "xdp",
                                                  ontime::transport::kernel_version,
                                                  ontime::transport::shipped("xdp")->can,
-                                                 ontime::transport::xdp::options,
+                                                 ontime::transport::shipped("xdp")->options,
                                                  ontime::transport::xdp::open};

@@ -21,16 +21,6 @@ struct Options {
   std::string node;
 };
 
-inline constexpr Option known_options[] = {
-    {"executor", "single|multi|events with --receive listener, waitset|wait with --receive waitset"},
-    {"rmw", "rmw_cyclonedds_cpp|rmw_fastrtps_cpp|…"},
-    {"allocator", "default|tlsf|pmr"},
-    {"intra-process", "off|on"},
-    {"loaned", "off|on"},
-    {"node", "NAME of the ROS node"},
-    {"statistics", "on|off, live on /diagnostics"},
-};
-
 // Of the options of a Config that has only known ones. Throws WrongInput.
 Options options_of(const Config& config);
 // Of background topics, which are ordinary whatever the critical one has of its own.

@@ -70,7 +70,7 @@ std::string version() { return "rclcpp " RCLCPP_VERSION_STR; }
 
 std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
   const Config config = without_localhost_only(asked);
-  dds::check(config, "ros2", known_options);
+  dds::check(config, "ros2");
   Options options = options_of(config);
   if (config.background) options = options_beside(options);
   OpenFunction* const open_rclcpp = loaded_unprivileged([&options] {
@@ -88,5 +88,5 @@ const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
                                                  .name = "ros2",
                                                  .version = ontime::transport::ros2::version,
                                                  .capabilities = ontime::transport::shipped("ros2")->can,
-                                                 .options = ontime::transport::ros2::known_options,
+                                                 .options = ontime::transport::shipped("ros2")->options,
                                                  .open = ontime::transport::ros2::open};
