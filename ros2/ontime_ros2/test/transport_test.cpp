@@ -104,7 +104,6 @@ TEST(Options, ImpossibleValuesAreRefusedWithTheFix) {
               AllOf(is_wrong, HasSubstr("single, multi, events, waitset, wait")));
   EXPECT_THAT(error({{"allocator", "hope"}}), AllOf(is_wrong, HasSubstr("default, tlsf, pmr")));
   EXPECT_THAT(error({{"statistics", "maybe"}}), AllOf(is_wrong, HasSubstr("off, on")));
-  EXPECT_THAT(error({{"colour", "red"}}), AllOf(is_wrong, HasSubstr("executor")));
   EXPECT_THAT(error({{"node", "not a name"}}), AllOf(is_wrong, HasSubstr("not a name")));
   EXPECT_THAT(error({{"loaned", "on"}, {"allocator", "pmr"}}),
               AllOf(is_wrong, HasSubstr("allocator default")));
