@@ -39,6 +39,12 @@ TEST(Judge, NamesGateRunFigureAndInterval) {
   EXPECT_THAT(text_of(judged("p99 > 2 ms", {})), ::testing::StartsWith("open: p99 <= 2 ms"));
 }
 
+TEST(Judge, NameFromAForeignFileIsOneLine) {
+  auto one = run(measured(3, 2.5, 3.5));
+  one.run.asked.id = "a\n  sudo reboot\x1b[31m";
+  EXPECT_THAT(text_of(judged("p99 > 2 ms", one)), HasSubstr("(a   sudo reboot?[31m udp #2 (run 5))"));
+}
+
 // Of so many answers so many are slower than 2 ms, and the p99 has no upper end.
 Summary slower(std::uint64_t events, std::uint64_t answers, double effect = 1) {
   auto one = run(measured(1, 0.5, {}));

@@ -11,6 +11,7 @@
 #include "flags.hpp"
 #include "report/words.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -23,7 +24,8 @@ bool is_called(const record::Run& run, const std::string& word) {
 // "1 to 12 (ids: idle, loaded)".
 std::string all_of(const std::vector<record::Run>& runs, std::vector<std::string>& ids) {
   for (const auto& run : runs)
-    if (const auto& id = run.asked.id; !id.empty() && std::ranges::find(ids, id) == ids.end())
+    if (const auto id = table::printable(run.asked.id);
+        !id.empty() && std::ranges::find(ids, id) == ids.end())
       ids.push_back(id);
   constexpr std::size_t most_ids = 20;
   const auto shown = std::min(ids.size(), most_ids);

@@ -354,7 +354,7 @@ std::string name_of(const Runs& runs) {
   for (const auto& word : {asked.variant, asked.task.transport})
     if (!word.empty()) name += " " + word;
   if (!asked.beside.empty()) name += " beside " + asked.beside;
-  return name;
+  return table::printable(name);
 }
 
 const char* word_of(const Judgement& judgement) {
