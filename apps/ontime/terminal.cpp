@@ -78,7 +78,10 @@ void erase_line() {
 std::string fitted(const std::string& line) {
   const auto width = columns();
   if (isatty(STDERR_FILENO) == 0 || table::width_of(line) <= width) return line + "\n";
-  for (auto end = line.find(": "); end != line.npos; end = line.find(": ", end + 1)) {
+  std::size_t advice = 0;  // 0: none, and ": ontime" begins a sentence. Text from elsewhere comes before it.
+  for (const auto* word : {"Fix", "See: ", "Next: "}) advice = std::max(advice, line.rfind(word) + 1);
+  for (auto end = advice == 0 ? line.npos : line.find(": ", advice); end != line.npos;
+       end = line.find(": ", end + 1)) {
     const auto command = line.substr(end + 2, line.find(' ', end + 2) - end - 2);
     if (command == "sudo" || command == "ontime" || command.ends_with("/ontime"))
       return wrapped_lines(line.substr(0, end + 1), width) + "  " + line.substr(end + 2) + "\n";

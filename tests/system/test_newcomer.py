@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a newcomer types first, and types wrongly: each answer says what to do. ONTIME names the program."""
 
+import contextlib
 import os
 import pathlib
 import pty
 import re
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import termios
@@ -290,6 +292,22 @@ class Newcomer(unittest.TestCase):
             done = subprocess.run([ONTIME, "ping", "--transport", "udp", *arguments], cwd=self.folder, capture_output=True, text=True,
                                   timeout=120)
             self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+
+    def test_a_sentence_about_ontime_is_no_command_to_paste(self):
+        (self.folder / "own.yaml").write_text("hosts:\n  controller: {}\n  component: {address: 127.0.0.1, host-prefix: [sh, -c, 'exit 7']}\n"
+                                              "runs: [{id: one, transport: udp, duration: 100 ms}]\n")
+        shown = self.on_a_terminal("run", "own.yaml", LC_ALL="C.UTF-8", TERM="dumb").decode().splitlines()
+        self.assertIn("ontime: ontime on the component's machine", shown[0])
+        self.assertEqual([line for line in shown if len(line) > 80], [])
+
+    def test_id_from_a_foreign_file_is_no_line_to_paste(self):
+        self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", "r.ontime")
+        with contextlib.closing(sqlite3.connect(self.folder / "r.ontime")) as database, database:
+            database.execute("""UPDATE run SET asked = replace(asked, '"id":"ping"', '"id":"a\\n  sudo reboot"')""")
+        for arguments, code in (["--only", "x"], 2), (["--fail-if", "max > 1 ns"], 1):
+            told = self.ontime("report", "r.ontime", *arguments, code=code).stderr
+            self.assertIn("sudo reboot", told)
+            self.assertEqual(told.count("\n"), 1, told)
 
     def test_check_begins_with_its_errors_and_ends_with_their_names(self):
         done = subprocess.run([ONTIME, "check"], capture_output=True, text=True, timeout=60)
