@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/keeper.hpp"
 
+#include <array>
 #include <cstdlib>
 #include <filesystem>
 #include <string_view>
@@ -12,11 +13,14 @@
 
 #include "isolation/isolation.hpp"
 #include "journal/journal.hpp"
+#include "journal_fixture.hpp"
 #include "keeper/flows.hpp"
 #include "keeper/links.hpp"
 #include "machine/machine.hpp"
+#include "orders/frames.hpp"
 #include "orders/orders.hpp"
 #include "own_run.hpp"
+#include "process/process.hpp"
 
 namespace ontime::keeper {
 namespace {
@@ -90,6 +94,33 @@ TEST_F(Keeper, NamesTheCommandThatItHoldsTheMachineFor) {
   } catch (const journal::Error& error) {
     EXPECT_THAT(error.what(), HasSubstr("(\"anna@laptop: ontime run demo\")"));
   }
+}
+
+// The connection breaks while all is given back.
+TEST(KeeperAtItsEnd, LineThatNothingReadIsToldAtTheNextStart) {
+  std::array<int, 2> there{}, back{};
+  ASSERT_EQ(pipe2(there.data(), O_CLOEXEC), 0);
+  ASSERT_EQ(pipe2(back.data(), O_CLOEXEC), 0);
+  const auto started = process::start({orders::this_program(), "keeper"}, {there[0], back[1], STDERR_FILENO});
+  ASSERT_EQ(started.error, 0);
+  ::close(there[0]);
+  ::close(back[1]);
+  orders::Frames frames(back[0], there[1]);
+  frames.send({{"order", "open"}});
+  const auto has_opened = [&] {
+    while (const auto frame = frames.take())
+      if (frame->message.value("event", "") == "opened") return true;
+    return false;
+  };
+  while (!has_opened())
+    if (!frames.fill()) std::this_thread::sleep_for(10ms);
+  const auto path = journal::plant("of a later version\n");
+  ::close(back[0]);
+  frames.send({{"order", "close"}});
+  EXPECT_EQ(test::status_of(started.pid), 0);
+  ::close(there[1]);
+  EXPECT_THAT(journal::revert_abandoned(kinds()), testing::ElementsAre(HasSubstr(path.string())));
+  journal::unplant(path);
 }
 
 TEST_F(Keeper, LoadsForEachHostByItself) {

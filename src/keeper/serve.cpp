@@ -120,9 +120,10 @@ class Keeper final : public orders::Worker {
                              {"links", links_.end()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
-      told_ = end_all();
-      add_new(*told_, journal_.revert());
-      events_.tell("closed", {{"notes", *told_}});
+      auto left = end_all();
+      add_new(left, journal_.revert());
+      events_.tell("closed", {{"notes", left}});
+      told_ = std::move(left);  // only now: the connection may be gone
     } else {
       throw orders::Error(3, "unknown order '" + order + "' (a bug: please report)");
     }
@@ -306,7 +307,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
-  std::optional<std::vector<std::string>> told_;  // once all was given back: what was left
+  std::optional<std::vector<std::string>> told_;  // once all was given back and told: what was left
 };
 
 }  // namespace
