@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <chrono>
 #include <cstdlib>
 #include <random>
 #include <thread>
+
+#include <linux/capability.h>
+#include <sys/syscall.h>
 
 #include "journal_fixture.hpp"
 
@@ -37,6 +41,13 @@ class Namespaces : public Journals {
   }
   static void ip(const std::string& arguments) { EXPECT_TRUE(succeeds("ip " + arguments)) << arguments; }
   static bool exists() { return fs::exists(namespace_path(name)); }
+  static void drop(int capability) {
+    __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+    std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> sets{};
+    ASSERT_EQ(syscall(SYS_capget, &header, sets.data()), 0);
+    sets[0].effective &= ~(1U << static_cast<unsigned>(capability));
+    ASSERT_EQ(syscall(SYS_capset, &header, sets.data()), 0);
+  }
 
   static constexpr const char* name = "ontime-test";
   const std::string inside_ = std::string("netns exec ") + name + " ";
@@ -188,6 +199,22 @@ TEST_F(Namespaces, MountNamespaceOfALivingProcessHasNotEnded) {
   });
   EXPECT_NE(victim.said(), here);
   EXPECT_FALSE(mount_namespace_ended(victim.said()));
+  victim.kill_9();
+}
+
+// From root without CAP_SYS_PTRACE, as of a service with ProtectProc=ptraceable.
+TEST_F(Namespaces, MountNamespaceOfAHiddenProcessHasNotEnded) {
+  Victim victim([](Journal&) {
+    EXPECT_EQ(unshare(CLONE_NEWNS), 0);
+    return place(Scope::mount_namespace);
+  });
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+    if (mount("none", "/proc", "proc", 0, "hidepid=4") != 0) return;  // since Linux 5.8
+    drop(CAP_SYS_PTRACE);
+    EXPECT_FALSE(mount_namespace_ended(victim.said()));
+  });
   victim.kill_9();
 }
 

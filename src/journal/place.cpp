@@ -79,6 +79,8 @@ bool mount_namespace_ended(const std::string& place) {
   struct stat found {};
   if (geteuid() != 0 || stat("/proc/self/ns/pid", &found) != 0 || found.st_ino != first_pid_namespace)
     return false;
+  // A /proc may hide processes with more rights than the caller's (hidepid): then those of the kernel, too.
+  if (stat("/proc/2/ns/mnt", &found) != 0) return false;
   const auto mounts = process::text_of("/proc/self/mountinfo").value_or("");
   if (mounts.empty() ||
       mounts.find(fmt::format("mnt:[{}]", place.substr(place.find(':') + 1))) != mounts.npos)
