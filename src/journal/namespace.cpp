@@ -100,11 +100,16 @@ const Kind namespace_kind = {"namespace", Scope::mount_namespace, accepts, read,
 std::string namespace_path(const std::string& name) { return fmt::format("{}/{}", folder, name); }
 
 std::optional<std::string> namespace_name(const std::string& identity) {
-  std::error_code none;
-  for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
-    const Fd fd(open(entry.path().c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
-    if (fd.get() >= 0 && network_identity(fd.get()) == identity) return entry.path().filename().string();
+  std::error_code error;
+  std::filesystem::directory_iterator entry(folder, error);
+  for (const std::filesystem::directory_iterator end; !error && entry != end; entry.increment(error)) {
+    auto name = entry->path().filename().string();  // not const: it is returned by a move
+    const Fd fd(open(entry->path().c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    // Else what is there would be taken for gone.
+    if (fd.get() < 0 && (errno == EMFILE || errno == ENFILE)) throw namespace_trouble(name, "read", errno);
+    if (fd.get() >= 0 && network_identity(fd.get()) == identity) return name;
   }
+  if (error && error != std::errc::no_such_file_or_directory) throw cannot(folder, error.value());
   return {};
 }
 
