@@ -96,5 +96,21 @@ TEST(Start, EndIsReportedAlsoWhereTheCallerIgnoredTheEndOfChildren) {
   EXPECT_EQ(WEXITSTATUS(wait_for(child)), 7);
 }
 
+// As gnuplot, which ends with 0 where its figure may not grow.
+TEST(Start, ProgramEndsByASignalThatTheCallerIgnores) {
+  const pid_t child = fork();
+  if (child == 0) {
+    for (const int signal : {SIGPIPE, SIGXFSZ}) std::signal(signal, SIG_IGN);
+    bool ended = true;
+    for (const int signal : {SIGPIPE, SIGXFSZ}) {
+      const auto started = start({"sh", "-c", "kill -" + std::to_string(signal) + " $$"}, {0, 1, 2});
+      const int status = wait_for(started.pid);
+      ended = ended && WIFSIGNALED(status) && WTERMSIG(status) == signal;
+    }
+    _exit(ended ? 0 : 1);
+  }
+  EXPECT_EQ(WEXITSTATUS(wait_for(child)), 0);
+}
+
 }  // namespace
 }  // namespace ontime::process

@@ -16,6 +16,8 @@
 
 int main(int argc, char** argv) {
   using namespace ontime::app;
+  // A file's largest size shows where it is written: a killed process would leave settings and files.
+  std::signal(SIGXFSZ, SIG_IGN);
   Program program("ontime",
                   "Measures whether a robot's messages arrive on time under load, and explains late ones",
                   "ontime " ONTIME_VERSION);

@@ -44,8 +44,8 @@ inline constexpr std::chrono::seconds longest_silence{10};
 inline constexpr std::chrono::seconds beat_period{3};  // seldom, for each beat is felt by what is measured
 
 // Calls `handler` on SIGINT, SIGTERM and SIGHUP; except those that the caller had ignored (nohup, a
-// shell's &) stay ignored. Blocked ones do not stay blocked. SIGPIPE and SIGXFSZ are ignored: a pipe's end,
-// or a file's largest size, shows where it is written.
+// shell's &) stay ignored. Blocked ones do not stay blocked. SIGPIPE is ignored: a pipe's end shows where it
+// is written.
 void on_termination(void (*handler)(int));
 
 // Counts interruptions: once, to stop and keep; twice, to leave at once.

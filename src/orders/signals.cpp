@@ -20,7 +20,7 @@ void on_termination(void (*handler)(int)) {
   pthread_sigmask(SIG_UNBLOCK, &handled, nullptr);  // a thread with blocked signals may have started us
   struct sigaction ignore {};
   ignore.sa_handler = SIG_IGN;
-  for (const int signal : {SIGPIPE, SIGXFSZ}) sigaction(signal, &ignore, nullptr);
+  sigaction(SIGPIPE, &ignore, nullptr);
 }
 
 static_assert(Interrupts::is_always_lock_free, "it is counted in a signal handler");

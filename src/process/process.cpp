@@ -43,7 +43,14 @@ Started start(std::vector<std::string> command, const std::array<int, 3>& stream
       posix_spawn_file_actions_adddup2(&actions, own, stream);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  if (group == Group::own) posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  // What ontime ignores itself: a program that writes a part and goes on would seem to have succeeded.
+  sigset_t by_default;
+  sigemptyset(&by_default);
+  for (const int signal : {SIGPIPE, SIGXFSZ}) sigaddset(&by_default, signal);
+  posix_spawnattr_setsigdefault(&attributes, &by_default);
+  posix_spawnattr_setflags(
+      &attributes,
+      static_cast<short>(POSIX_SPAWN_SETSIGDEF | (group == Group::own ? POSIX_SPAWN_SETPGROUP : 0)));
   pid_t pid = -1;
   const int error = posix_spawnp(&pid, words[0], &actions, &attributes, words.data(), environ);
   posix_spawnattr_destroy(&attributes);
