@@ -226,10 +226,11 @@ int revert() {
   need_root("revert");
   journal::Journal journal(keeper::kinds());
   const auto given_back = journal.revert_kept();
-  print_lines(given_back.done);
-  print_errors(given_back.left);
+  print_errors(given_back.left);  // first: where the output cannot be written, these are still told
   for (const auto& folder : journal::forgotten_directories(journal::time_of_boot()))
-    print_error(fmt::format("{0} is left from an ontime that a power cut ended. Fix: rm -r {0}", folder));
+    print_error(fmt::format("{} is left from an ontime that a power cut ended. Fix: {}", folder,
+                            table::shell_line({"rm", "-r", folder})));
+  print_lines(given_back.done);
   if (given_back.done.empty() && given_back.left.empty()) print_error("nothing was applied");
   return given_back.finished ? 0 : 3;
 }

@@ -13,6 +13,7 @@
 #include "background/background.hpp"
 #include "background/child.hpp"
 #include "lab/lab.hpp"
+#include "table/table.hpp"
 
 namespace ontime::lab {
 namespace {
@@ -123,7 +124,8 @@ Kernel kernel_in(const fs::path& folder) {
     const auto image = folder / "boot" / ("vmlinuz-" + release);
     if (fs::exists(image)) return {release, folder.filename().string(), image, entry.path()};
   }
-  throw Error(fmt::format("{0} has no kernel. The lab downloads it again after: rm -r {0}", folder.string()));
+  throw Error(fmt::format("{} has no kernel. The lab downloads it again after: {}", folder.string(),
+                          table::shell_line({"rm", "-r", folder.string()})));
 }
 
 // Complete or not at all: renames the folder last.

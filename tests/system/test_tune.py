@@ -6,6 +6,7 @@ programs: chrt, ps, cat. Needs root, and skips without. ONTIME names the program
 import json
 import os
 import pathlib
+import shlex
 import shutil
 import signal
 import subprocess
@@ -265,6 +266,40 @@ class Tune(unittest.TestCase):
         self.assertEqual(answer.returncode, 3, answer.stderr)
         self.assertIn("File too large", answer.stderr)
         self.assertEqual(state(), self.before)
+
+    def test_what_is_left_is_told_where_the_output_cannot_be_written(self):
+        self.assertEqual(self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--set", "busy-poll=40").returncode, 0)
+        BUSY_POLL.write_text("41")
+        with open("/dev/full", "w") as full:
+            answer = subprocess.run([ONTIME, "tune", "revert"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+        BUSY_POLL.write_text(self.before[1])
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertRegex(answer.stderr, "busy_poll .* another program has changed it")
+
+    def test_command_to_paste_removes_the_folder_that_is_left_and_no_other(self):
+        with tempfile.TemporaryDirectory(prefix="of a user ") as folder:
+            left = pathlib.Path(folder, "ontime-stress-0123456789abcdef")
+            left.mkdir()
+            os.utime(left, (1, 1))
+            answer = subprocess.run([ONTIME, "tune", "revert"], capture_output=True, text=True, timeout=120,
+                                    env={**os.environ, "TMPDIR": folder})
+        told = [line for line in answer.stderr.splitlines() if left.name in line]
+        self.assertEqual([shlex.split(line.rpartition("Fix: ")[2]) for line in told], [["rm", "-r", str(left)]])
+
+    def test_revert_goes_on_where_no_file_may_grow(self):
+        self.assertEqual(self.ontime("tune", "apply", "--set", "busy-poll=40").returncode, 0)
+        self.assertEqual(self.ontime("tune", "apply", "--set", "ksoftirqd=60").returncode, 0)
+        latest = max(pathlib.Path("/run/ontime").glob("*.kept"))
+        lines = latest.read_text().splitlines()
+        unknown = json.dumps({**json.loads(lines[-1]), "kind": "of a later version"})
+        latest.write_text("\n".join([*lines, unknown, ""]))
+        answer = subprocess.run(["sh", "-c", 'ulimit -f 0; exec "$@"', "-", ONTIME, "tune", "revert"], capture_output=True, text=True,
+                                timeout=120)
+        latest.unlink()
+        self.assertEqual(self.ontime("tune", "revert").returncode, 0)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("of a later version", answer.stderr)
+        self.assert_given_back()
 
     def test_what_was_so_already_is_verified_too(self):
         self.assertEqual(self.ontime("tune", "apply", "--set", f"busy-poll={self.before[1].strip()}").returncode, 0)
