@@ -87,6 +87,7 @@ bool mount_namespace_ended(const std::string& place) {
     return false;
   glob_t threads{};
   // But process 1, which may not be looked at: it is where the kernel's threads are.
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): only a ~ would be
   bool ended = glob("/proc/[0-9]*/task/[0-9]*", GLOB_NOSORT, nullptr, &threads) == 0;
   for (std::size_t i = 0; ended && i < threads.gl_pathc; ++i) {
     const auto path = fmt::format("{}/ns/mnt", threads.gl_pathv[i]);
