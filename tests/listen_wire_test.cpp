@@ -369,6 +369,23 @@ TEST_F(OnTheWire, WriterThatRestartsWithItsGuidIsCountedAgain) {
   EXPECT_EQ(flow().duplicated, 1U);
 }
 
+// Its first messages find no reader yet. The numbers of the next were missing, or passed over, before.
+TEST_F(OnTheWire, RestartIsSeenAmongNumbersThatNeverCame) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().stamp(1, 0).data(1));
+  arrive(Rtps().stamp(5, 0).data(5));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().stamp(50, 0).data(50));
+  EXPECT_EQ(flow().lost, 3U);
+  for (unsigned i = 7; i <= 60; ++i) arrive(Rtps().stamp(60, i << 24U).data(i));
+  EXPECT_EQ(flow().messages, 57U);
+  for (unsigned i = 3; i <= 60; ++i) arrive(Rtps().stamp(70, i << 24U).data(i));
+  EXPECT_EQ(flow().messages, 115U);
+  EXPECT_EQ(flow().reordered, 0U);
+  EXPECT_EQ(flow().duplicated, 0U);
+  EXPECT_EQ(flow().lost, 3U);
+}
+
 TEST_F(OnTheWire, DatagramCutShortMakesNoLoss) {
   arrive(Rtps().data(1));
   auto cut = Rtps().data(2).data(3, Bytes(100));

@@ -34,7 +34,7 @@ Sequence::Fate Sequence::see(std::uint64_t number) {
     return Fate::in_order;
   }
   if (!is_within(number)) return Fate::too_old;
-  if (!may_come(number)) return Fate::again;
+  if (!missing_.test(number % window) && !passed_over_.test(number % window)) return Fate::again;
   missing_.reset(number % window);
   passed_over_.reset(number % window);
   return Fate::overtaken;

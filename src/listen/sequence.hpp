@@ -26,10 +26,8 @@ class Sequence {
   // Restarts with the next number seen; losses until now stay.
   void restart();
   bool has_begun() const { return next_.has_value(); }
-  // Of those within the window:
-  bool is_missing(std::uint64_t number) const { return is_within(number) && missing_.test(number % window); }
-  bool may_come(std::uint64_t number) const {  // it is missing or passed over
-    return is_within(number) && (missing_.test(number % window) || passed_over_.test(number % window));
+  bool is_missing(std::uint64_t number) const {  // of those within the window
+    return is_within(number) && missing_.test(number % window);
   }
   std::uint64_t next() const { return next_.value_or(0); }
   std::uint64_t lost() const { return gone_ + missing_.count(); }

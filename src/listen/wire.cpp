@@ -132,11 +132,10 @@ Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uin
       Partial{.sequence = sequence, .seen = std::vector<bool>(fragments), .count = 0});
 }
 
-// Whether a new message has a number of before: its writer restarted with its old GUID. A repeated message
-// has its old stamp, and threads that publish at once have almost the same.
+// Whether a new message has a number of before: its writer restarted with its old GUID. A message that is
+// repeated or overtaken has its old stamp, and threads that publish at once have almost the same.
 bool Wire::began_again(const Stream& stream, const rtps::Data& data) {
-  const auto& sequence = stream.sequence;
-  return data.sequence < sequence.next() && !sequence.may_come(data.sequence) && stream.latest_stamp_ns > 0 &&
+  return data.sequence <= stream.last_seen && stream.latest_stamp_ns > 0 &&
          data.stamp_ns > stream.latest_stamp_ns + soonest_restart_ns;
 }
 
