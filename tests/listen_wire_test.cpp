@@ -397,6 +397,40 @@ TEST_F(OnTheWire, DatagramCutShortMakesNoLoss) {
   EXPECT_THAT(wire.findings().incomplete, testing::ElementsAre(testing::HasSubstr("in part")));
 }
 
+// To two readers, by a capture that keeps only the begin of each datagram.
+TEST_F(OnTheWire, CopyOfAMessageInACutDatagramIsNoMessage) {
+  for (unsigned i = 1; i <= 10; ++i)
+    for (const auto* reader : {"10.0.0.2:7411", "10.0.0.3:7411"}) {
+      auto cut = Rtps().stamp(i, 0).data(i, Bytes(100));
+      cut.bytes.resize(cut.bytes.size() - 50);
+      arrive(cut, reader);
+    }
+  EXPECT_EQ(flow().messages, 10U);
+  EXPECT_EQ(flow().duplicated, 0U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
+// What a reader did not have is sent again, when packets were dropped.
+TEST_F(OnTheWire, RepeatedMessageAfterDropsOfTheCaptureMakesNoLoss) {
+  for (unsigned i = 1; i <= 100; ++i) arrive(Rtps().stamp(i, 0).data(i));
+  wire.interrupt();
+  arrive(Rtps().stamp(50, 0).data(50));
+  for (unsigned i = 103; i <= 110; ++i) arrive(Rtps().stamp(i, 0).data(i));
+  arrive(Rtps().stamp(102, 0).data(102));
+  EXPECT_EQ(flow().messages, 109U);
+  EXPECT_EQ(flow().duplicated, 1U);
+  EXPECT_EQ(flow().reordered, 1U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
+TEST_F(OnTheWire, WriterThatRestartsAmongDropsOfTheCaptureIsCountedAgain) {
+  for (unsigned i = 1; i <= 10; ++i) arrive(Rtps().stamp(i, 0).data(i));
+  wire.interrupt();
+  for (unsigned i = 3; i <= 12; ++i) arrive(Rtps().stamp(100 + i, 0).data(i));
+  EXPECT_EQ(flow().messages, 20U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
 TEST_F(OnTheWire, WritersAreBounded) {
   auto rtps = Rtps().data(1);
   for (unsigned i = 0; i < Wire::most_writers + 100; ++i) {

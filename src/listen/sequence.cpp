@@ -57,9 +57,13 @@ void Sequence::pass_over(std::uint64_t first, std::uint64_t last) {
   if (last >= *next_) advance(last + 1, false);
 }
 
-void Sequence::restart() {
+void Sequence::keep_losses() {
   gone_ += missing_.count();
   missing_.reset();
+}
+
+void Sequence::restart() {
+  keep_losses();
   passed_over_.reset();
   next_.reset();
 }

@@ -23,6 +23,8 @@ class Sequence {
   void announce(std::uint64_t last);
   // Those of these numbers that were not seen need not come, and are not lost.
   void pass_over(std::uint64_t first, std::uint64_t last);
+  // Losses until now stay, even of numbers that come.
+  void keep_losses();
   // Restarts with the next number seen; losses until now stay.
   void restart();
   bool has_begun() const { return next_.has_value(); }

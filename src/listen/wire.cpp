@@ -87,7 +87,10 @@ void Wire::interrupt() {
 
 void Wire::set_clock(std::int64_t from_ns, std::int64_t until_ns) {
   interrupt();
-  for (auto& [guid, stream] : streams_) stream.last_ns = std::clamp(stream.last_ns, from_ns, until_ns);
+  for (auto& [guid, stream] : streams_) {
+    restart(stream);  // later stamps are by another time
+    stream.last_ns = std::clamp(stream.last_ns, from_ns, until_ns);
+  }
 }
 
 Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
@@ -155,6 +158,16 @@ void Wire::restart(Stream& stream) {
   stream.latest_stamp_ns = 0;
 }
 
+// With this number, after packets that are missing: the numbers between may have been among them. Losses
+// until now stay.
+void Wire::resume(Stream& stream, std::uint64_t number) {
+  keep_all_losses(stream);
+  stream.sequence.keep_losses();
+  pass_over_before(stream, number);
+  stream.rows.restart();
+  stream.last_stamped = 0;
+}
+
 void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {
   auto* const stream = stream_of(data.writer);
   if (stream == nullptr) return;
@@ -167,10 +180,11 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     stream->has_new_reader = false;
   }
   if (data.fragments && !completes(*stream, data)) return;
-  if (stream->is_broken ||
-      (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
+  if (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap) {
     restart(*stream);
     stream->is_broken = true;
+  } else if (stream->is_broken) {
+    resume(*stream, data.sequence);
   }
   const auto fate = stream->sequence.see(data.sequence);
   // A copy to another destination is for another reader. On another interface it is the same packet, or one

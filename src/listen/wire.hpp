@@ -70,6 +70,7 @@ class Wire {
   Stream* stream_of(const rtps::Guid&);
   static bool began_again(const Stream&, const rtps::Data&);
   void restart(Stream&);
+  void resume(Stream&, std::uint64_t number);
   static void pass_over_before(Stream&, std::uint64_t number);
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
