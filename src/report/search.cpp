@@ -44,6 +44,12 @@ bool any_short(const record::Outcome& outcome) {
   return std::ranges::any_of(outcome.background, is_short) || std::ranges::any_of(outcome.traffic, is_short);
 }
 
+// By its samples, where a file is older than that count. A skipped cycle ends a search of itself.
+std::uint64_t late_by_response_of(const Summary& summary) {
+  const auto all = summary.skipped_cycles > 0 ? 0 : summary.late_by_response.value_or(0);
+  return std::max(summary.run.outcome.late_by_response, all - std::min(all, summary.late + summary.lost));
+}
+
 void add(Step& step, const Summary& summary) {
   const auto& outcome = summary.run.outcome;
   step.value = word(summary.run.asked.step.value);
@@ -52,12 +58,13 @@ void add(Step& step, const Summary& summary) {
     step.says_nothing = true;
     return;
   }
-  step.ended = step.ended || ends;
+  const auto late_by_response = late_by_response_of(summary);
+  step.ended = step.ended || ends || late_by_response > 0;
   step.messages += summary.sent;
   step.late += summary.late;
   step.lost += summary.lost;
   step.skipped_cycles += summary.skipped_cycles;
-  step.late_by_response += outcome.late_by_response;
+  step.late_by_response += late_by_response;
   step.effect = std::max(step.effect, summary.missed_probability.effect);
   step.failed = step.failed || outcome.error;
   step.is_short = step.is_short || any_short(outcome);
