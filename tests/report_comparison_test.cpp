@@ -327,6 +327,28 @@ TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
   EXPECT_EQ(found(), "realtime; realtime_settings threads send priority; ");
 }
 
+TEST(Compare, RealtimeSettingsThatDifferHaveBothTheirValues) {
+  const auto with = [](const char* realtime) {
+    conditions::Run usual;
+    conditions::key_named("realtime")->set(usual, realtime);
+    std::vector runs{run("x", "k", 1)};
+    amend(runs[0].run.asked, {{"realtime", usual.task.realtime.on},
+                              {"realtime_settings", conditions::to_json(usual).at("realtime_settings")}});
+    return runs;
+  };
+  const auto off = with("off"), on = with("on");
+  auto own = on;
+  amend(own[0].run.asked, "/realtime_settings/lock_memory", false);
+  amend(own[0].run.asked, "/realtime_settings/threads/send/priority", 95);
+  const auto shown = [](const std::vector<Summary>& a, const std::vector<Summary>& b) {
+    return render(compare(a, b), {}, Format::table);
+  };
+  const auto text = shown(on, own);
+  EXPECT_THAT(text, HasSubstr("realtime_settings lock_memory: true → false"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("threads\\s+send\\s+priority:\\s+80\\s+→\\s+95"));
+  EXPECT_THAT(shown(off, own), Not(HasSubstr("lock_memory"))) << "memory is locked in neither";
+}
+
 TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};

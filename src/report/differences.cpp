@@ -16,6 +16,7 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t longest_difference = 60;
+constexpr const char* realtime_settings = "realtime_settings";
 // Differs in every run.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
@@ -30,19 +31,20 @@ void add(Values& values, const std::string& name, const json& value) {
   }
 }
 
-// Of the real-time settings only those that `realtime: on`, or off, does not have of itself.
-json requested_in(const record::Asked& asked) {
-  constexpr const char* detail = "realtime_settings";
-  auto all = record::conditions_of(asked.document);
-  if (!record::at(all, detail).is_object()) return all;
-  conditions::Run usual;
-  conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
-  auto own = all[detail].flatten();
-  const auto follows = record::at(conditions::to_json(usual), detail).flatten();
-  for (const auto& [name, value] : follows.items())
-    if (record::at(own, name) == value) own.erase(name);
-  all[detail] = own.unflatten();
-  return all;
+// The real-time settings of these runs that `realtime: on`, or off, does not have of itself.
+std::set<std::string> own_settings_of(const Comparison::Runs& runs) {
+  std::set<std::string> own;
+  for (const auto* run : runs) {
+    const auto& asked = run->run.asked;
+    conditions::Run usual;
+    conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
+    Values values, follow;
+    add(values, realtime_settings, record::at(record::conditions_of(asked.document), realtime_settings));
+    add(follow, realtime_settings, record::at(conditions::to_json(usual), realtime_settings));
+    for (const auto& [name, value] : values)
+      if (follow[name] != value) own.insert(name);
+  }
+  return own;
 }
 
 Values values_of(const Comparison::Runs& runs) {
@@ -50,7 +52,7 @@ Values values_of(const Comparison::Runs& runs) {
   for (const auto* run : runs) {
     const auto& asked = run->run.asked;
     const auto& outcome = run->run.outcome;
-    const auto conditions = requested_in(asked);
+    const auto conditions = record::conditions_of(asked.document);
     if (conditions.is_object())
       for (const auto& [name, value] : conditions.items()) add(values, printable(name), value);
     const auto add_text = [&](const std::string& name, const std::string& text) {
@@ -89,9 +91,12 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
   const auto from = whole(pair.from), to = whole(pair.to);
   if (from.empty() || to.empty()) return {};
   const auto before = values_of(from), after = values_of(to);
+  auto own = own_settings_of(from);
+  own.merge(own_settings_of(to));
   std::set<std::string> names;
   for (const auto* values : {&before, &after})
-    for (const auto& [name, all] : *values) names.insert(name);
+    for (const auto& [name, all] : *values)
+      if (!name.starts_with(realtime_settings) || own.contains(name)) names.insert(name);
   std::vector<Difference> found;
   for (const auto& name : names)
     if (const auto one = one_of(before, name), other = one_of(after, name); one != other)
