@@ -195,6 +195,8 @@ TEST(Words, LargeNumbersHaveNoExponent) {
   EXPECT_EQ(megabits(25e9), "25000");
   EXPECT_EQ(statistics::time_of(9999.4e9), "9999 s");
   EXPECT_EQ(statistics::time_of(12345.6e9), "12346 s");
+  EXPECT_EQ(statistics::time_of(999.7e6, 3), "999.7 ms");
+  EXPECT_EQ(statistics::time_of(1234.5e9, 3), "1234 s");
 }
 
 TEST(Words, HoursAreNoLongNumberOfSeconds) {

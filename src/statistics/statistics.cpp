@@ -244,9 +244,10 @@ class Pass {
 std::string time_of(double ns, int digits) {
   const double size = std::abs(ns);
   if (size >= 9999.5e9) return fmt::format("{:.0f} s", ns / 1e9);  // without an exponent
-  if (size >= 1e9) return fmt::format("{:.{}g} s", ns / 1e9, digits);
-  if (size >= 1e6) return fmt::format("{:.{}g} ms", ns / 1e6, digits);
-  return fmt::format("{:.{}g} µs", ns / 1e3, digits);
+  const auto [unit_ns, unit] = size >= 1e9   ? std::pair(1e9, "s")
+                               : size >= 1e6 ? std::pair(1e6, "ms")
+                                             : std::pair(1e3, "µs");
+  return fmt::format("{:.{}g} {}", ns / unit_ns, size >= 999 * unit_ns ? std::max(digits, 4) : digits, unit);
 }
 
 std::string shift_text(const Summary& summary) {
