@@ -196,6 +196,13 @@ TEST(Plots, MarkAStepOfWhichAllMessagesWereLost) {
   EXPECT_THAT(text, HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND")) << "one of two repetitions";
 }
 
+TEST(Plots, MarkAStepThatIsLateByResponseTimeAlone) {
+  auto late = step(1, "200 Hz", 0);
+  late.late_by_response = 2;
+  EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0), late}, {Plot::Figure::background}),
+              HasSubstr("$missed0 << END\n200 1.98 1.98 1.98\nEND"));
+}
+
 TEST(Plots, PayloadFigureMarksMisses) {
   auto run = step(0, "100 Hz", 5);
   EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload}), HasSubstr("$missed0 << END\n500 1.98 "));

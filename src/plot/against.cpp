@@ -56,7 +56,7 @@ constexpr Abscissa rate_of_background{"background.rate",
 
 bool missed_any(const Summary& summary) {
   const auto fates = statistics::fates_of(summary);
-  return fates.late + fates.lost + fates.skipped > 0 || !statistics::is_complete(summary.run) ||
+  return fates.not_in_time + fates.skipped > 0 || !statistics::is_complete(summary.run) ||
          !gate::absent(summary.run.asked, summary.run.outcome).empty();
 }
 
