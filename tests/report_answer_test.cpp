@@ -396,6 +396,16 @@ TEST(Answer, SentenceNamesNoConditionThatAnotherRowContradicts) {
                                                     HasSubstr("; without real-time settings 2.5 %")));
 }
 
+TEST(Answer, ContrastLacksWhichSettingsOtherRowsHave) {
+  std::vector runs{run(1, "a", "udp", {true}, 200), run(2, "b", "udp", {true}, 50)};
+  amend(runs[0].run.asked, "/kernel", json{{"irq-threads", "90"}});
+  EXPECT_THAT(answer_of(runs, kept).sentence, AllOf(StartsWith("Under load with kernel settings 10 %"),
+                                                    HasSubstr("; without kernel settings 2.5 %")));
+  runs.push_back(run(3, "c", "udp", {true, true}, 100));
+  EXPECT_THAT(answer_of(runs, kept).sentence,
+              HasSubstr("; without kernel settings or real-time settings 2.5 %"));
+}
+
 TEST(Answer, LoadOfAnotherComponentAtTheSameTimeIsLoad) {
   std::vector runs{run(1, "a", "udp", {true}, 200), run(2, "a", "udp", {})};
   for (auto& one : runs) amend(one.run.asked, "/component", one.run.number == 1 ? "base" : "arm");

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include <fmt/format.h>
 
@@ -57,29 +58,40 @@ std::string stress_words(const std::vector<Stress>& stress, const std::string& l
   return (stress.front().what.starts_with("link") ? "with " : "under ") +
          join(words_of(stress, " of another component"), ", ");
 }
+std::string tuned_words(const std::string& tuned, const std::string& lacking) {
+  return tuned.empty() ? "without " + lacking : "with " + replace_all(tuned, "RT", "real-time settings");
+}
 // All that any of these have: "traffic, load or link faults".
-std::string any_stress(const std::vector<Class>& classes) {
-  std::vector<std::string> all;
-  for (const auto& one : classes)
-    for (const auto& stress : one.regime.stress) add_once(all, stress.what);
-  if (all.empty()) return "load";
+std::string any_of(std::vector<std::string> all) {
   const auto last = all.back();
   all.pop_back();
   return all.empty() ? last : join(all, ", ") + " or " + last;
 }
-std::string tuned_words(const std::string& tuned) {
-  if (tuned.empty()) return "without real-time settings";
-  return "with " + replace_all(tuned, "RT", "real-time settings");
+struct Lacking {
+  std::string stress = "load", tuned = "real-time settings";
+};
+Lacking lacking_of(const std::vector<Class>& classes) {
+  std::vector<std::string> stress, tuned;
+  for (const auto& one : classes) {
+    for (const auto& each : one.regime.stress) add_once(stress, each.what);
+    std::istringstream parts(replace_all(one.regime.tuned, "RT", "real-time settings"));
+    for (std::string part; std::getline(parts >> std::ws, part, ',');) add_once(tuned, part);
+  }
+  Lacking lacking;
+  if (!stress.empty()) lacking.stress = any_of(stress);
+  if (!tuned.empty()) lacking.tuned = any_of(tuned);
+  return lacking;
 }
 // The parts of a regime that the sentence names.
 struct Named {
   bool stress = false, tuned = false;
 };
-std::string words_of(const Regime& regime, Named parts, const std::string& lacking) {
-  if (!parts.tuned) return stress_words(regime.stress, lacking);
-  if (!parts.stress) return tuned_words(regime.tuned);
-  return stress_words(regime.stress, lacking) + (regime.stress.empty() ? " and " : " ") +
-         tuned_words(regime.tuned);
+std::string words_of(const Regime& regime, Named parts, const Lacking& lacking) {
+  const auto stress = stress_words(regime.stress, lacking.stress),
+             tuned = tuned_words(regime.tuned, lacking.tuned);
+  if (!parts.tuned) return stress;
+  if (!parts.stress) return tuned;
+  return stress + (regime.stress.empty() ? " and " : " ") + tuned;
 }
 
 // "within 10 ms"; with several deadlines "in time"; without one a note that none is set.
@@ -192,7 +204,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->regime.stress == contrast->regime.stress;
   const bool same_tuned = worst->regime.tuned == contrast->regime.tuned;
-  const auto lacking = any_stress(classes);
+  const auto lacking = lacking_of(classes);
   // Both parts, if these alone name another class, too.
   const auto name = [&](const Class& of, Named parts, bool is_beside_the_other) {
     const bool is_clear = std::ranges::none_of(classes, [&](const Class& one) {
