@@ -110,6 +110,14 @@ TEST(Searches, TheFirstScreenHasTheirResult) {
               Not(HasSubstr("Highest")));
 }
 
+TEST(Searches, OfSeveralComponentsAreToldApartOnTheFirstScreen) {
+  auto arm = step(0, "100 Hz", 0), base = step(0, "100 Hz", 1);
+  amend(arm.run.asked, "/component", "arm");
+  amend(base.run.asked, "/component", "base");
+  EXPECT_THAT(report::answer_of({arm, base}, {}).sentence,
+              AllOf(HasSubstr("cyclonedds arm 100 Hz"), HasSubstr("cyclonedds base none")));
+}
+
 TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
   auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").is_null());

@@ -137,6 +137,8 @@ std::string why(const Step& step) {
   return join(parts, "; ");
 }
 
+std::string whose(const Found& one) { return one.transport + (one.among.empty() ? "" : " " + one.among); }
+
 std::string because(const Found& one) {
   const std::string unfinished = "search not finished";
   if (one.ended == nullptr) return one.finished ? nothing : unfinished;
@@ -165,8 +167,7 @@ Table searches_table(const Group& group) {
   for (const auto& one : found(group)) {
     add_once(keys, one.key);
     const auto bound = bound_of(one.passed);
-    table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
-                          one.passed == nullptr ? "none" : one.passed->value,
+    table.rows.push_back({whose(one), one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
                           bound ? fmt::format("< {:.3g} %", rounded_up(*bound * 100)) : nothing,
                           one.ended != nullptr ? one.ended->value
@@ -193,7 +194,7 @@ std::string searches_sentence_of(const Summaries& summaries) {
   for (const auto& one : all) {
     add_once(keys, one.key);
     if (values.size() == most) continue;
-    const auto of = all.size() == 1 ? "" : join({one.id, one.transport}, " ") + " ";
+    const auto of = all.size() == 1 ? "" : one.id + " " + whose(one) + " ";
     values.push_back(of + (one.passed == nullptr ? "none" : one.passed->value) +
                      (one.finished ? "" : " (search not finished)"));
   }
