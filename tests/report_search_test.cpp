@@ -118,6 +118,27 @@ TEST(Searches, OfSeveralComponentsAreToldApartOnTheFirstScreen) {
               AllOf(HasSubstr("cyclonedds arm 100 Hz"), HasSubstr("cyclonedds base none")));
 }
 
+TEST(Searches, EndForAllComponentsWhereOneMisses) {
+  Summaries summaries;
+  const auto add = [&](int number, const char* value, std::uint64_t late_of_base) {
+    for (const auto& [component, late] : {std::pair("arm", std::uint64_t{0}), {"base", late_of_base}}) {
+      summaries.push_back(step(number, value, late));
+      amend(summaries.back().run.asked, "/component", component);
+    }
+  };
+  const auto searches = [&] { return json::parse(render(summaries, Format::json)).at("searches"); };
+  add(0, "100 Hz", 0);
+  add(2, "400 Hz", 5);
+  EXPECT_FALSE(searches()[0].at("finished"));
+  add(1, "200 Hz", 0);
+  const auto arm = searches()[0];
+  EXPECT_EQ(arm.at("passed").at("value"), "400 Hz");
+  EXPECT_TRUE(arm.at("ended").is_null()) << "it had no miss";
+  EXPECT_TRUE(arm.at("finished"));
+  EXPECT_TRUE(searches()[1].at("finished"));
+  EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("| 400 Hz | another component |"));
+}
+
 TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
   auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").is_null());

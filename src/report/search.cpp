@@ -36,7 +36,9 @@ struct Found {
   int steps_asked = 0;
   std::map<int, Step> steps;
   const Step *passed = nullptr, *ended = nullptr;
-  bool finished = false;  // they are next to one another, or nothing is beyond
+  bool finished = false;                   // they are next to one another, or nothing is beyond
+  std::array<std::string, 5> together{};   // the same of all components that are searched at the same time
+  const Step* ended_by_another = nullptr;  // of these, if this one had no miss
 };
 
 bool any_short(const record::Outcome& outcome) {
@@ -75,6 +77,7 @@ void add(Step& step, const Summary& summary) {
 std::vector<Found> found(const Group& group) {
   std::vector<Found> all;
   std::map<std::array<std::string, 5>, std::size_t> places;
+  std::map<std::array<std::string, 5>, int> times;  // that each was searched
   // After --resume the last measurement counts.
   std::map<std::tuple<std::size_t, int, int>, const Summary*> last;
   for (const auto* summary : group) {
@@ -90,6 +93,8 @@ std::vector<Found> found(const Group& group) {
     if (again) place->second = all.size();
     if (is_new || again) {
       auto& one = all.emplace_back();
+      one.together = {asked.id, asked.task.transport, step.among, step.key,
+                      std::to_string(++times[place->first])};
       one.steps_asked = step.of;
       one.id = id_of(asked);
       one.transport = word(asked.task.transport);
@@ -114,6 +119,13 @@ std::vector<Found> found(const Group& group) {
     }
     one.finished = passed + 1 == ended;
   }
+  for (const auto& other : all)
+    for (auto& one : all)
+      if (other.finished && other.ended != nullptr && one.ended == nullptr &&
+          one.together == other.together) {
+        one.finished = true;
+        one.ended_by_another = other.ended;
+      }
   return all;
 }
 
@@ -141,6 +153,7 @@ std::string whose(const Found& one) { return one.transport + (one.among.empty() 
 
 std::string because(const Found& one) {
   const std::string unfinished = "search not finished";
+  if (one.ended_by_another != nullptr) return "another component";
   if (one.ended == nullptr) return one.finished ? nothing : unfinished;
   return why(*one.ended) + (one.finished ? "" : "; " + unfinished);
 }
@@ -170,9 +183,10 @@ Table searches_table(const Group& group) {
     table.rows.push_back({whose(one), one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
                           bound ? fmt::format("< {:.3g} %", rounded_up(*bound * 100)) : nothing,
-                          one.ended != nullptr ? one.ended->value
-                          : one.finished       ? "none"
-                                               : nothing,
+                          one.ended != nullptr              ? one.ended->value
+                          : one.ended_by_another != nullptr ? one.ended_by_another->value
+                          : one.finished                    ? "none"
+                                                            : nothing,
                           because(one)});
   }
   if (table.rows.empty()) return table;
