@@ -232,7 +232,7 @@ TEST(EndsSearch, AtMissesAndAtShortfalls) {
   const json asked{{"link", {{"loss", 0.01}}}, {"search", {{"step", 1}}}};
   for (const auto* what :
        {R"({"late": 1})", R"({"lost": 1})", R"({"skipped_cycles": 1})",
-        R"({"sent": 9, "late_by_response": 1})", R"({"late": "x"})", R"({"sent": 0})",
+        R"({"sent": 9, "late_by_response_only": 1})", R"({"late": "x"})", R"({"sent": 0})",
         R"({"dropped_records": 1})", R"({"neighbours": {"to_component": {"short": true}}})",
         R"({"traffic": {"to_controller": {"short": true}}})",
         R"({"hosts": {"component": {"load_running": false}}})",

@@ -84,11 +84,11 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
 
 TEST(Searches, EndWhereARowIsLateByResponseTimeAlone) {
   Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0)};
-  amend(summaries[1].run.outcome, "/late_by_response", 2);
+  amend(summaries[1].run.outcome, "/late_by_response_only", 2);
   EXPECT_THAT(report::answer_of(summaries, {}).sentence,
               HasSubstr("Highest background.rate without a miss: 100 Hz."));
   const auto ended = json::parse(render(summaries, Format::json)).at("searches").at(0).at("ended");
-  EXPECT_EQ(ended.at("late_by_response"), 2);
+  EXPECT_EQ(ended.at("late_by_response_only"), 2);
   EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("2 late by response time of 2,000 messages"));
 }
 

@@ -262,7 +262,7 @@ record::Outcome Pair::outcome() const {
   record::Outcome outcome;
   outcome.has_counters = finished_;
   outcome.counters = counters_;
-  outcome.late_by_response = late_by_response_;
+  outcome.late_by_response_only = late_by_response_;
   return outcome;
 }
 

@@ -277,7 +277,7 @@ bool ends_search(const record::Asked& asked, const record::Outcome& outcome) {
   if (!outcome.has_ended() || outcome.interrupted) return false;
   if (outcome.error) return outcome.unanswered && asked.step.number > 0;
   const auto& counted = outcome.counters;
-  return counted.late + counted.lost + counted.skipped_cycles + outcome.late_by_response +
+  return counted.late + counted.lost + counted.skipped_cycles + outcome.late_by_response_only +
                  counted.dropped_records >
              0 ||
          counted.sent == 0 || !absent(asked, outcome).empty() || !smaller_loads(asked, outcome).empty();

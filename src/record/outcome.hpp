@@ -362,7 +362,7 @@ struct Outcome {
   std::string refused_setting;               // that a host cannot have: "kernel.governor"; else empty
   bool has_counters = false;                 // else they are unknown
   roundtrip::Counters counters;              // as the client counted
-  std::uint64_t late_by_response = 0;        // answered within the deadline of the round trip
+  std::uint64_t late_by_response_only = 0;   // answered within the deadline of the round trip
   ByName<Host> hosts;                        // "controller", "component"
   ByName<Activity> conditions;               // of the same
   ByName<TrafficSeen> traffic;               // "to_component", "to_controller"
@@ -379,7 +379,7 @@ struct Outcome {
            of.counters.trailing_until_ns);
     }
     each(field, "interrupted", of.interrupted);
-    each<if_set>(field, "late_by_response", of.late_by_response, "error", of.error, "unanswered",
+    each<if_set>(field, "late_by_response_only", of.late_by_response_only, "error", of.error, "unanswered",
                  of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting,
                  "hosts", of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours",
                  of.background, "link_unproved", of.link_unproved, "trace", of.trace, "histogram",

@@ -49,7 +49,8 @@ bool any_short(const record::Outcome& outcome) {
 // By its samples, where a file is older than that count. A skipped cycle ends a search of itself.
 std::uint64_t late_by_response_of(const Summary& summary) {
   const auto all = summary.skipped_cycles > 0 ? 0 : summary.late_by_response.value_or(0);
-  return std::max(summary.run.outcome.late_by_response, all - std::min(all, summary.late + summary.lost));
+  return std::max(summary.run.outcome.late_by_response_only,
+                  all - std::min(all, summary.late + summary.lost));
 }
 
 void add(Step& step, const Summary& summary) {
@@ -165,7 +166,7 @@ ordered_json json_of(const Step* step) {
           {"late", step->late},
           {"lost", step->lost},
           {"skipped_cycles", step->skipped_cycles},
-          {"late_by_response", step->late_by_response},
+          {"late_by_response_only", step->late_by_response},
           {"failed", step->failed},
           {"unfit", or_null(step->unfit)},
           {"short", step->is_short}};
