@@ -24,6 +24,16 @@ TEST(ListenWords, RateOfASlowTopicIsNotZero) {
   EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  18.5 Hz  "));
 }
 
+// Of datagrams that were captured in part no period is known.
+TEST(ListenWords, RateOfMessagesWithoutAPeriodIsUnknown) {
+  listen::Flow flow;
+  flow.messages = 500;
+  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  rate unknown  "));
+  EXPECT_TRUE(json_of(flow).at("rate_hz").is_null());
+  flow.messages = 0;
+  EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  0.0 Hz  "));
+}
+
 // A topic at 100 Hz is silent after some 15 ms.
 TEST(ListenWords, ShortSilenceHasItsLengthAndOneMessageIsOne) {
   listen::Flow flow;

@@ -98,13 +98,16 @@ std::string words_of(const listen::Party& party, const char* unknown) {
   return party.name.empty() ? unknown : table::printable(party.name);
 }
 
+bool is_rate_known(const listen::Flow& flow) { return flow.messages < 2 || flow.period.count() > 0; }
+
 std::string way_of(const listen::Flow& flow) {
   const auto hz = flow.rate_hz();
-  return fmt::format("{}  {} → {}  {} Hz", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
+  return fmt::format("{}  {} → {}  {}", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
                      words_of(flow.reader, "(no reader seen)"),
-                     hz >= 0.95 || hz == 0 ? fmt::format("{:.1f}", hz)
-                     : hz >= 1e-4          ? fmt::format("{:.2g}", hz)
-                                           : fmt::format("{:.6f}", hz));  // no exponent
+                     !is_rate_known(flow)    ? "rate unknown"
+                     : hz >= 0.95 || hz == 0 ? fmt::format("{:.1f} Hz", hz)
+                     : hz >= 1e-4            ? fmt::format("{:.2g} Hz", hz)
+                                             : fmt::format("{:.6f} Hz", hz));  // no exponent
 }
 
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
@@ -221,7 +224,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"writer", json_of(flow.writer)},
           {"reader", json_of(flow.reader)},
           {"messages", flow.messages},
-          {"rate_hz", flow.rate_hz()},
+          {"rate_hz", is_rate_known(flow) ? ordered_json(flow.rate_hz()) : ordered_json()},
           {"period", json_of(flow.period)},
           {"age", json_of(flow.age)},
           {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
