@@ -88,7 +88,7 @@ TEST_F(Recorded, EveryKeyIsFoundByTheNameOfAScenario) {
     return key.starts_with("kernel.") || (key.starts_with("realtime.") && key.ends_with(".cpus"));
   };
   for (const auto& key : keys()) EXPECT_TRUE(is_one_of_many(key.path) || is_recorded(key.path)) << key.path;
-  for (const auto* key : {"kernel.preset", "kernel.irq-threads", "realtime.cpus", "options.shared-memory",
+  for (const auto* key : {"kernel.preset", "kernel.irq-threads", "realtime.cpus", "options.config",
                           "component.options.rmw", "period_us"})
     EXPECT_TRUE(is_recorded(key)) << key;
   EXPECT_FALSE(is_recorded("period_ms"));
