@@ -87,8 +87,7 @@ struct Named {
   bool stress = false, tuned = false;
 };
 std::string words_of(const Regime& regime, Named parts, const Lacking& lacking) {
-  const auto stress = stress_words(regime.stress, lacking.stress),
-             tuned = tuned_words(regime.tuned, lacking.tuned);
+  auto stress = stress_words(regime.stress, lacking.stress), tuned = tuned_words(regime.tuned, lacking.tuned);
   if (!parts.tuned) return stress;
   if (!parts.stress) return tuned;
   return stress + (regime.stress.empty() ? " and " : " ") + tuned;
