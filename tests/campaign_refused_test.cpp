@@ -32,6 +32,16 @@ TEST_F(ScenarioFile, MistypedKeysAreAnsweredWithTheNearestOne) {
   EXPECT_THAT(error("hosts: {componnet: {address: 1.2.3.4}}" + runs), HasSubstr("did you mean 'component'?"));
 }
 
+TEST_F(ScenarioFile, OptionThatItsTransportLacksIsRefusedWithTheNearest) {
+  EXPECT_THAT(error("runs:\n  - {id: a, transport: udp}\n  - {id: b, transport: udp, options: {prot: 1}}\n"),
+              AllOf(HasSubstr(":3:5: run 'b': transport udp has no option 'prot' (did you mean 'port'?)"),
+                    HasSubstr("port (UDP port")));
+  EXPECT_THAT(
+      error("runs: [{id: a, transport: fastdds, options: {profiles: p}, component: {transport: cyclonedds, "
+            "options: {profiles: p}}}]\n"),
+      HasSubstr("transport cyclonedds has no option 'profiles'"));
+}
+
 TEST_F(ScenarioFile, MistypedKeyWithoutKeysBelowItIsRefusedAtItsPlace) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, loda: {}}]\n"),
               HasSubstr(":1:32: unknown key 'loda' (did you mean 'load'?)"));

@@ -222,17 +222,6 @@ TEST_F(ScenarioFile, ComponentMayHaveItsOwnTransport) {
   EXPECT_EQ(scenario.runs[1].variant, "component.options.rmw x");
 }
 
-TEST_F(ScenarioFile, OptionThatItsTransportLacksIsRefusedWithTheNearest) {
-  EXPECT_THAT(
-      error("runs:\n  - {id: a, transport: udp}\n  - {id: b, transport: udp, options: {prot: 1}}\n"),
-      testing::AllOf(HasSubstr(":3:5: run 'b': transport udp has no option 'prot' (did you mean 'port'?)"),
-                     HasSubstr("port (UDP port")));
-  EXPECT_THAT(
-      error("runs: [{id: a, transport: fastdds, options: {profiles: p}, component: {transport: cyclonedds, "
-            "options: {profiles: p}}}]\n"),
-      HasSubstr("transport cyclonedds has no option 'profiles'"));
-}
-
 TEST_F(ScenarioFile, GatesDoNotMultiplyRunsAndAreCheckedWhenRead) {
   const auto scenario = read(
       "defaults: {transport: [udp, fastdds], require: late <= 0}\n"

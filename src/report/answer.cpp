@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
 
 #include <fmt/format.h>
 
@@ -58,15 +57,17 @@ std::string stress_words(const std::vector<Stress>& stress, const std::string& l
   return (stress.front().what.starts_with("link") ? "with " : "under ") +
          join(words_of(stress, " of another component"), ", ");
 }
-std::string tuned_words(const std::string& tuned, const std::string& lacking) {
-  return tuned.empty() ? "without " + lacking : "with " + replace_all(tuned, "RT", "real-time settings");
+std::string tuned_words(const std::vector<std::string>& tuned, const std::string& lacking) {
+  return tuned.empty() ? "without " + lacking
+                       : "with " + replace_all(join(tuned, ", "), "RT", "real-time settings");
 }
-// All that any of these have: "traffic, load or link faults".
+// "traffic, load or link faults".
 std::string any_of(std::vector<std::string> all) {
   const auto last = all.back();
   all.pop_back();
   return all.empty() ? last : join(all, ", ") + " or " + last;
 }
+// What a class is without: all that any of these have.
 struct Lacking {
   std::string stress = "load", tuned = "real-time settings";
 };
@@ -74,8 +75,7 @@ Lacking lacking_of(const std::vector<Class>& classes) {
   std::vector<std::string> stress, tuned;
   for (const auto& one : classes) {
     for (const auto& each : one.regime.stress) add_once(stress, each.what);
-    std::istringstream parts(replace_all(one.regime.tuned, "RT", "real-time settings"));
-    for (std::string part; std::getline(parts >> std::ws, part, ',');) add_once(tuned, part);
+    for (const auto& each : one.regime.tuned) add_once(tuned, replace_all(each, "RT", "real-time settings"));
   }
   Lacking lacking;
   if (!stress.empty()) lacking.stress = any_of(stress);

@@ -29,10 +29,10 @@ using State = Answer::State;
 
 // "load, RT". Only a scenario says that a machine was idle: `ontime ping` does not know what else runs.
 std::string in_words(const Summary& run) {
-  const auto [stress, tuned, is_listened] = regime_of(run);
-  auto words = words_of(stress, " beside it");
+  const auto regime = regime_of(run);
+  auto words = words_of(regime.stress, " beside it");
   if (words.empty() && !run.run.asked.scenario_file.empty()) words.emplace_back("idle");
-  if (!tuned.empty()) words.push_back(tuned);
+  words.insert(words.end(), regime.tuned.begin(), regime.tuned.end());
   return join(words, ", ");
 }
 
@@ -99,7 +99,7 @@ Regime regime_of(const Summary& run) {
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
   if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
-  return {stress, join(tuned, ", "), asked.is_listened()};
+  return {stress, tuned, asked.is_listened()};
 }
 
 std::vector<std::string> words_of(const std::vector<Stress>& stress, const char* of_another) {

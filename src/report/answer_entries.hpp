@@ -19,7 +19,7 @@ struct Stress {
 // Stress, and the settings against it, in words.
 struct Regime {
   std::vector<Stress> stress;
-  std::string tuned;
+  std::vector<std::string> tuned;
   bool is_listened = false;  // to a robot's own messages
   bool operator==(const Regime&) const = default;
 };

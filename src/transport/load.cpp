@@ -108,6 +108,16 @@ bool is_truncated(const fs::path& file) {
   return false;
 }
 
+template <class Part>
+std::optional<Part> declared(const std::string& name, Part Shipped::*own, Part Plugin::*loaded) {
+  if (const auto* const one = shipped(name)) return one->*own;
+  try {
+    return load(name).*loaded;
+  } catch (const Error&) {  // the agent that opens it says why
+    return {};
+  }
+}
+
 }  // namespace
 
 const Plugin& load(const std::string& name) {
@@ -154,21 +164,11 @@ std::string find(const std::string& name) {
 }
 
 std::optional<Capabilities> declared(const std::string& name) {
-  if (const auto* const own = shipped(name)) return own->can;
-  try {
-    return load(name).capabilities;
-  } catch (const Error&) {  // the agent that opens it says why
-    return {};
-  }
+  return declared(name, &Shipped::can, &Plugin::capabilities);
 }
 
 std::optional<std::span<const Option>> declared_options(const std::string& name) {
-  if (const auto* const own = shipped(name)) return own->options;
-  try {
-    return load(name).options;
-  } catch (const Error&) {
-    return {};
-  }
+  return declared(name, &Shipped::options, &Plugin::options);
 }
 
 std::string unknown_option(const std::string& transport, std::span<const Option> its,

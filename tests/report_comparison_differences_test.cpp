@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// What else differs between the runs that are compared.
+#include "conditions/conditions.hpp"
+#include "report/comparison.hpp"
+#include "report_comparison.hpp"
+
+namespace ontime::report {
+namespace {
+
+using record::amend;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+TEST(Compare, ShowsWhatElseDiffers) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1)};
+  amend(b[0].run.outcome, "/hosts/controller/machine/kernel", "6.6\x1b[31m");
+  amend(b[0].run.outcome, "/hosts/controller/machine/boot_id", "another each time");
+  amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
+  const auto found =
+      json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
+  const auto difference = [](const char* what, const char* from, const char* to) {
+    return json{{"what", what}, {"from", from}, {"to", to}};
+  };
+  EXPECT_EQ(found, (json{difference("component transport version", "0.1.0", "0.2.0"),
+                         difference("controller kernel", "6.1", "6.6?[31m")}));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("also different (A → B)"));
+  EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("also different")));
+}
+
+TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
+  const auto settings = [](const char* realtime) {
+    conditions::Run with;
+    conditions::key_named("realtime")->set(with, realtime);
+    return conditions::to_json(with).at("realtime_settings");
+  };
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1)};
+  const auto found = [&] {
+    std::string text;
+    const auto document = json::parse(render(compare(a, b), {}, Format::json));
+    for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
+      text += one.at("what").get<std::string>() + "; ";
+    return text;
+  };
+  amend(b[0].run.asked, {{"realtime", true}, {"realtime_settings", settings("on")}});
+  EXPECT_EQ(found(), "realtime; ");
+  amend(b[0].run.asked, "/realtime_settings/threads/send/priority", 95);
+  EXPECT_EQ(found(), "realtime; realtime_settings threads send priority; ");
+}
+
+TEST(Compare, RealtimeSettingsThatDifferHaveBothTheirValues) {
+  const auto with = [](const char* realtime) {
+    conditions::Run usual;
+    conditions::key_named("realtime")->set(usual, realtime);
+    std::vector runs{run("x", "k", 1)};
+    amend(runs[0].run.asked, {{"realtime", usual.task.realtime.on},
+                              {"realtime_settings", conditions::to_json(usual).at("realtime_settings")}});
+    return runs;
+  };
+  const auto off = with("off"), on = with("on");
+  auto own = on;
+  amend(own[0].run.asked, "/realtime_settings/lock_memory", false);
+  amend(own[0].run.asked, "/realtime_settings/threads/send/priority", 95);
+  const auto shown = [](const std::vector<Summary>& a, const std::vector<Summary>& b) {
+    return render(compare(a, b), {}, Format::table);
+  };
+  const auto text = shown(on, own);
+  EXPECT_THAT(text, HasSubstr("realtime_settings lock_memory: true → false"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("threads\\s+send\\s+priority:\\s+80\\s+→\\s+95"));
+  EXPECT_THAT(shown(off, own), Not(HasSubstr("lock_memory"))) << "memory is locked in neither";
+}
+
+TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1, 7)};
+  amend(b[0].run.asked, {{"traffic", {{"bit_s", 80'000'000}}},
+                         {"link", {{"loss", 0.1}}},
+                         {"kernel", {{"irq-threads", 90}}},
+                         {"repetition", 3},
+                         {"payload_bytes", 500.0}});
+  auto& outcome = b[0].run.outcome;
+  amend(outcome, "/traffic/to_component/short", true);
+  amend(outcome, "/link_unproved", "it is not proved");
+  amend(outcome, "/hosts/controller/load_running", false);
+  amend(outcome, "/hosts/component/refusals", {{{"asked", "fifo 80"}, {"found", "EPERM"}, {"remedy", "y"}}});
+  std::vector<std::string> found;
+  const auto document = json::parse(render(compare(a, b), {}, Format::json));
+  for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
+    found.push_back(one.at("what").get<std::string>() + ": " + one.at("from").get<std::string>() + ", " +
+                    one.at("to").get<std::string>());
+  EXPECT_THAT(found,
+              ::testing::ElementsAre("component refused fifo 80: -, EPERM",
+                                     "controller load_running: -, false", "kernel irq-threads: -, 90",
+                                     "link loss: -, 0.1", "link_unproved: -, it is not proved",
+                                     "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table),
+              AllOf(HasSubstr("x udp #3 (run 7) of B: "), HasSubstr("load on the controller")));
+}
+
+}  // namespace
+}  // namespace ontime::report
