@@ -92,15 +92,6 @@ TEST(Searches, EndWhereARowIsLateByResponseTimeAlone) {
   EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("2 late by response time of 2,000 messages"));
 }
 
-TEST(Searches, OfAFileWithoutThatCountEndWhereARowIsLate) {
-  Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0)};
-  summaries[1].late_by_response = 2;
-  const auto answer = report::answer_of(summaries, {});
-  EXPECT_EQ(answer.rows.at(1).missed, 2U);
-  EXPECT_THAT(answer.sentence, HasSubstr("Highest background.rate without a miss: 100 Hz."));
-  EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("2 late by response time of 2,000 messages"));
-}
-
 TEST(Searches, TheFirstScreenHasTheirResult) {
   const Summaries summaries = {step(0, "100 Hz", 0), step(1, "200 Hz", 0), step(2, "400 Hz", 3)};
   EXPECT_THAT(report::answer_of(summaries, {}).sentence,

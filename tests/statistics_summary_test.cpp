@@ -61,6 +61,21 @@ TEST(Summary, KnowsSinceWhenNothingWasAnswered) {
   EXPECT_EQ(summary.unanswered_from_ns, samples[15].due_ns);
 }
 
+// An older file lacks the count by which a search ends.
+TEST(Summary, CountsWhatIsLateByResponseTimeAlone) {
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 4; ++i)
+    samples.push_back(answered(i, 1'000 * ms + static_cast<std::int64_t>(i) * 30 * ms, 0, 9 * ms));
+  samples[1].sent_ns += 5 * ms;  // its round trip is in time
+  samples[1].received_ns += 5 * ms;
+  samples[2] = answered(2, samples[2].due_ns, 0, 12 * ms);
+  EXPECT_EQ(summary_of(samples, asked_next_free, {{"sent", 4}}).run.outcome.late_by_response_only, 1U);
+  const nlohmann::json worst_only{{"sent", 4}, {"late_by_response_only", 3}};
+  EXPECT_EQ(summary_of(samples, asked_next_free, worst_only).run.outcome.late_by_response_only, 3U);
+  EXPECT_EQ(summary_of(samples, {{"schedule", "fixed"}}, {{"sent", 4}}).run.outcome.late_by_response_only, 0U)
+      << "without a deadline";
+}
+
 TEST(Summary, TellsWhenTheLevelChangedAlsoWhereTheRateDid) {
   std::mt19937_64 random(6);
   std::vector<Sample> samples;

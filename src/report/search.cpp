@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // What searches found: the greatest value of a key without a miss.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -32,25 +32,41 @@ struct Step {
 };
 
 struct Found {
-  std::string id, transport, among, key;
-  int steps_asked = 0;
-  std::map<int, Step> steps;
+  const record::Asked* asked;  // of its first run
+  int time = 1;                // that it is searched: 2 for the second one of a file
+  // Of each step and repetition the last run: after --resume that one counts.
+  std::map<std::pair<int, int>, const Summary*> runs{};
+  std::map<int, Step> steps{};
   const Step *passed = nullptr, *ended = nullptr;
   bool finished = false;                   // they are next to one another, or nothing is beyond
-  std::array<std::string, 5> together{};   // the same of all components that are searched at the same time
-  const Step* ended_by_another = nullptr;  // of these, if this one had no miss
+  const Step* ended_by_another = nullptr;  // component that is searched at the same time
+
+  std::string key() const { return word(asked->step.key); }
+  std::string transport() const { return word(asked->task.transport); }
+  // The component, and the other varied values.
+  std::string among() const {
+    std::vector<std::string> parts;
+    for (const auto& text : {conditions::is_named(*asked) ? asked->component : "", asked->step.among})
+      if (!text.empty()) parts.push_back(word(text));
+    return join(parts, ", ");
+  }
+  std::string whose() const {
+    const auto more = among();
+    return transport() + (more.empty() ? "" : " " + more);
+  }
 };
+
+// Of all components.
+bool is_same_search(const record::Asked& one, const record::Asked& other) {
+  const auto of = [](const record::Asked& asked) {
+    return std::tie(asked.id, asked.task.transport, asked.step.among, asked.step.key);
+  };
+  return of(one) == of(other);
+}
 
 bool any_short(const record::Outcome& outcome) {
   const auto is_short = [](const auto& way) { return way.second.is_short == true; };
   return std::ranges::any_of(outcome.background, is_short) || std::ranges::any_of(outcome.traffic, is_short);
-}
-
-// By its samples, where a file is older than that count. A skipped cycle ends a search of itself.
-std::uint64_t late_by_response_of(const Summary& summary) {
-  const auto all = summary.skipped_cycles > 0 ? 0 : summary.late_by_response.value_or(0);
-  return std::max(summary.run.outcome.late_by_response_only,
-                  all - std::min(all, summary.late + summary.lost));
 }
 
 void add(Step& step, const Summary& summary) {
@@ -61,13 +77,12 @@ void add(Step& step, const Summary& summary) {
     step.says_nothing = true;
     return;
   }
-  const auto late_by_response = late_by_response_of(summary);
-  step.ended = step.ended || ends || late_by_response > 0;
+  step.ended = step.ended || ends;
   step.messages += summary.sent;
   step.late += summary.late;
   step.lost += summary.lost;
   step.skipped_cycles += summary.skipped_cycles;
-  step.late_by_response += late_by_response;
+  step.late_by_response += outcome.late_by_response_only;
   step.effect = std::max(step.effect, summary.missed_probability.effect);
   step.failed = step.failed || outcome.error;
   step.is_short = step.is_short || any_short(outcome);
@@ -77,37 +92,26 @@ void add(Step& step, const Summary& summary) {
 
 std::vector<Found> found(const Group& group) {
   std::vector<Found> all;
-  std::map<std::array<std::string, 5>, std::size_t> places;
-  std::map<std::array<std::string, 5>, int> times;  // that each was searched
-  // After --resume the last measurement counts.
-  std::map<std::tuple<std::size_t, int, int>, const Summary*> last;
   for (const auto* summary : group) {
     const auto& asked = summary->run.asked;
-    const auto& step = asked.step;
-    if (step.key.empty()) continue;
-    auto [place, is_new] = places.try_emplace(
-        {asked.id, asked.task.transport, asked.component, step.among, step.key}, all.size());
+    if (asked.step.key.empty()) continue;
+    constexpr std::pair first{0, 1};
+    const std::pair run{asked.step.number, asked.repetition};
+    auto one = std::find_if(all.rbegin(), all.rend(), [&](const Found& known) {
+      return is_same_search(*known.asked, asked) && known.asked->component == asked.component;
+    });
     // The first run measured again begins another search.
-    const auto before = last.find({place->second, 0, 1});
-    const bool again = step.number == 0 && asked.repetition == 1 && before != last.end() &&
-                       statistics::is_complete(before->second->run);
-    if (again) place->second = all.size();
-    if (is_new || again) {
-      auto& one = all.emplace_back();
-      one.together = {asked.id, asked.task.transport, step.among, step.key,
-                      std::to_string(++times[place->first])};
-      one.steps_asked = step.of;
-      one.id = id_of(asked);
-      one.transport = word(asked.task.transport);
-      one.key = word(step.key);
-      for (const auto& text : {conditions::is_named(asked) ? asked.component : "", step.among})
-        if (!text.empty()) one.among += (one.among.empty() ? "" : ", ") + word(text);
+    const bool is_new = one == all.rend();
+    if (is_new ||
+        (run == first && one->runs.contains(first) && statistics::is_complete(one->runs.at(first)->run))) {
+      all.push_back({.asked = &asked, .time = is_new ? 1 : one->time + 1});
+      one = all.rbegin();
     }
-    last[{place->second, step.number, asked.repetition}] = summary;
+    one->runs[run] = summary;
   }
-  for (const auto& [which, summary] : last) add(all[std::get<0>(which)].steps[std::get<1>(which)], *summary);
   for (auto& one : all) {
-    int passed = -1, ended = one.steps_asked;
+    for (const auto& [run, summary] : one.runs) add(one.steps[run.first], *summary);
+    int passed = -1, ended = one.asked->step.of;
     for (const auto& [number, step] : one.steps) {
       if (step.ended) {
         one.ended = &step;
@@ -120,10 +124,11 @@ std::vector<Found> found(const Group& group) {
     }
     one.finished = passed + 1 == ended;
   }
+  // A miss of one component ends the search of all.
   for (const auto& other : all)
     for (auto& one : all)
-      if (other.finished && other.ended != nullptr && one.ended == nullptr &&
-          one.together == other.together) {
+      if (other.finished && other.ended != nullptr && one.ended == nullptr && other.time == one.time &&
+          is_same_search(*other.asked, *one.asked)) {
         one.finished = true;
         one.ended_by_another = other.ended;
       }
@@ -149,8 +154,6 @@ std::string why(const Step& step) {
   if (step.is_short) parts.emplace_back("background load below the requested load");
   return join(parts, "; ");
 }
-
-std::string whose(const Found& one) { return one.transport + (one.among.empty() ? "" : " " + one.among); }
 
 std::string because(const Found& one) {
   const std::string unfinished = "search not finished";
@@ -179,9 +182,9 @@ Table searches_table(const Group& group) {
   Table table{"", "", {}, {}, {}};
   std::vector<std::string> keys;
   for (const auto& one : found(group)) {
-    add_once(keys, one.key);
+    add_once(keys, one.key());
     const auto bound = bound_of(one.passed);
-    table.rows.push_back({whose(one), one.passed == nullptr ? "none" : one.passed->value,
+    table.rows.push_back({one.whose(), one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
                           bound ? fmt::format("< {:.3g} %", rounded_up(*bound * 100)) : nothing,
                           one.ended != nullptr              ? one.ended->value
@@ -207,9 +210,9 @@ std::string searches_sentence_of(const Summaries& summaries) {
   if (all.empty()) return "";
   std::vector<std::string> keys, values;
   for (const auto& one : all) {
-    add_once(keys, one.key);
+    add_once(keys, one.key());
     if (values.size() == most) continue;
-    const auto of = all.size() == 1 ? "" : one.id + " " + whose(one) + " ";
+    const auto of = all.size() == 1 ? "" : id_of(*one.asked) + " " + one.whose() + " ";
     values.push_back(of + (one.passed == nullptr ? "none" : one.passed->value) +
                      (one.finished ? "" : " (search not finished)"));
   }
@@ -219,14 +222,10 @@ std::string searches_sentence_of(const Summaries& summaries) {
 
 ordered_json searches_json_of(const Summaries& summaries) {
   return array_of(found(all_of(summaries)), [](const Found& one) -> ordered_json {
-    return {{"id", one.id},
-            {"transport", one.transport},
-            {"among", one.among},
-            {"key", one.key},
-            {"passed", json_of(one.passed)},
-            {"missed_below", or_null(bound_of(one.passed))},
-            {"ended", json_of(one.ended)},
-            {"finished", one.finished}};
+    return {{"id", id_of(*one.asked)},       {"transport", one.transport()},
+            {"among", one.among()},          {"key", one.key()},
+            {"passed", json_of(one.passed)}, {"missed_below", or_null(bound_of(one.passed))},
+            {"ended", json_of(one.ended)},   {"finished", one.finished}};
   });
 }
 

@@ -102,7 +102,9 @@ class Pass {
     const auto response_ns = between(sample.due_ns, sample.received_ns);
     response_.add(response_ns);
     response_course_.add(response_ns);
-    late_by_response_.add(response_ns > deadline_ns_.value_or(0));
+    const bool is_late = response_ns > deadline_ns_.value_or(0);
+    late_by_response_.add(is_late);
+    late_by_response_only_ += is_late && sample.fate == Fate::on_time ? 1 : 0;
     const auto round_trip_ns = between(sample.sent_ns, sample.received_ns);
     round_trip_.add(round_trip_ns);
     round_trip_course_.add(round_trip_ns);
@@ -143,6 +145,9 @@ class Pass {
     if (deadline_ns_) {
       summary_.late_by_response_probability = probability(late_by_response_.all(), effect);
       summary_.late_by_response = summary_.late_by_response_probability.events;
+      // The record may lack it: its ontime did not count it.
+      auto& only = summary_.run.outcome.late_by_response_only;
+      only = std::max(only, late_by_response_only_);
     }
     if (summary_.sent > 1)
       summary_.message_every_ns =
@@ -231,7 +236,8 @@ class Pass {
   Misses misses_;
   Answered answered_;
   Course round_trip_course_, response_course_;
-  Batches late_by_response_;  // of each cycle
+  Batches late_by_response_;                 // of each cycle
+  std::uint64_t late_by_response_only_ = 0;  // messages
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
   std::uint64_t next_ = 0;            // index of the next message, unless samples are missing
   std::vector<Series> waiting_;       // cycles, for the next answer

@@ -275,6 +275,20 @@ class Results(results.Results):
         self.assertIn("at most 3 runs", self.ontime("scenarios", path).stdout)
         self.assertTrue(json.loads(self.ontime("scenarios", path, "--format", "json").stdout)[0]["searches"])
 
+    def test_resumed_search_ends_where_its_report_does(self):
+        path = self.folder / "search.yaml"
+        path.write_text("hosts: loopback\nruns: [{id: one, transport: udp, payload: [1 kB, 2 kB, 3 kB, 4 kB], search: payload, "
+                        "period: 50 ms, deadline: 2 s, timeout: 3 s, duration: 200 ms}]\n")
+        self.ontime("run", path, "--results", self.results)
+        with contextlib.closing(sqlite3.connect(self.results)) as database, database:
+            database.executescript("DELETE FROM sample WHERE run > 2; DELETE FROM note WHERE run > 2; DELETE FROM run WHERE number > 2")
+            # Late by response time alone, which the ontime that measured it did not count.
+            database.execute("UPDATE sample SET woke_after_ns = woke_after_ns + 2500000000 WHERE run = 2 AND message = 0")
+        self.ontime("run", path, "--results", self.results, "--resume")
+        report = json.loads(self.ontime("report", self.results, "--format", "json").stdout)
+        self.assertEqual([search["ended"]["value"] for search in report["searches"]], ["2 kB"])
+        self.assertEqual(len(report["runs"]), 2, "all others are beyond it")
+
     def test_an_empty_choice_is_wrong_usage(self):
         for flag in ("--transports", "--only", "--duration", "--results"):
             self.ontime("run", self.scenario(), flag, "", code=2)
