@@ -133,6 +133,22 @@ TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {
               HasSubstr("Also different: component transport version: 0.1.0 → 0.2.0; kernel (2 values)"));
 }
 
+TEST(CompareAnswer, LongNamesOfTheSidesAreBriefInTheSentence) {
+  std::vector<Summary> a{with_misses("x", "k1", 900)}, b{with_misses("x", "k1", 10)};
+  auto comparison = compare(a, b);
+  const std::string load =
+      "load 8 cpu, 8 vm of 64 MiB, 8 io, 8 hdd of 64 MiB on the controller and 2 cpu, 2 vm of 64 MiB, 2 io, "
+      "2 hdd ";
+  comparison.from_name = load + "of 64 MiB on the component";
+  comparison.to_name = load + "of 1 MiB on the component";
+  const auto lines = [&] { return lines_of(render_answer(comparison, {}, Format::table, "", 1000)); };
+  EXPECT_LE(width_of(lines()[0]), 3 * 80U) << lines()[0];
+  EXPECT_THAT(lines()[0], AllOf(HasSubstr("of 64 MiB on the"), HasSubstr("of 1 MiB on the")));
+  EXPECT_TRUE(lines()[1].starts_with(comparison.from_name + " → " + comparison.to_name + "; ")) << lines()[1];
+  comparison.to_name = "load none";
+  EXPECT_THAT(lines()[0], AllOf(HasSubstr("load none"), HasSubstr("load 8 cpu, 8 vm of 64 MiB,")));
+}
+
 TEST(CompareAnswer, RowNamesBothTransports) {
   const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k2", 100, "fastdds")};
   EXPECT_THAT(answer_of(compare_chosen(a, b)), ::testing::ContainsRegex("\nudp → fastdds +0\\.17 %"));

@@ -71,6 +71,20 @@ TEST(Compare, RealtimeSettingsThatDifferHaveBothTheirValues) {
   EXPECT_THAT(shown(off, own), Not(HasSubstr("lock_memory"))) << "memory is locked in neither";
 }
 
+TEST(Compare, DifferencesOfKeysAreInTheirWords) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  amend(b[0].run.asked, {{"realtime", true}, {"payload_bytes", 1024}, {"period_us", 20000}});
+  amend(b[0].run.asked, "/qos/reliability", "reliable");
+  const std::string words =
+      "payload: 500 B → 1 KiB; period: 10 ms → 20 ms; qos.reliability: best-effort → reliable; realtime: off "
+      "→ on";
+  const auto comparison = compare(a, b);
+  EXPECT_THAT(render(comparison, {}, Format::markdown), HasSubstr(words));
+  EXPECT_THAT(render_answer(comparison, {}, Format::table, "", 1000), HasSubstr(words));
+  const auto found = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("not_the_same");
+  EXPECT_EQ(found.at(0), (json{{"what", "payload_bytes"}, {"from", "500"}, {"to", "1024"}}));
+}
+
 TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};

@@ -106,8 +106,7 @@ bool is_beyond(const Pair& pair, const Quantity& row) {
 std::string list_of(const std::vector<Difference>& differences) {
   std::vector<std::string> parts;
   parts.reserve(differences.size());
-  for (const auto& [what, from, to] : differences)
-    parts.push_back(fmt::format("{}: {} → {}", what, from, to));
+  for (const auto& difference : differences) parts.push_back(difference.text);
   return join(parts, "; ");
 }
 

@@ -44,6 +44,9 @@ Comparison compare_by(const std::vector<statistics::Summary>&, const std::string
 // The runs' values of a key, in the order of the runs; `unset` for runs without one.
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
+// What a record has of a run that states nothing but this record's value of the key: defaults, and what
+// follows from the value, such as the settings of `realtime: on`.
+nlohmann::json following(const nlohmann::json& asked, const std::string& key);
 // A value of a key in words, "10 ms", from a scenario's form, or from values_of(): "10000".
 std::string words_of_value(const std::string& key, const std::string& value);
 // Of several; those that would read the same stay as they are.
@@ -64,7 +67,7 @@ bool has_run_on_both_sides(const Comparison::Pair&);  // of one file: by the num
 std::string why_never(const Comparison&);
 
 // The answer first: what is proven to have changed, a row for each pair, what else is not the same.
-std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&, Format,
+std::string render_answer(Comparison, const std::vector<gate::Judgement>&, Format,
                           const std::string& full_command, std::size_t width);
 // Each metric, how much it changed and the interval of the change; what else differs between the two sides;
 // and what has no partner.
@@ -74,6 +77,7 @@ std::string render(const Comparison&, const std::vector<gate::Judgement>&, Forma
 // values where repetitions have several. For whole runs; none if a side has no whole run.
 struct Difference {
   std::string what, from, to;
+  std::string text;  // for people: "period: 10 ms → 20 ms"
 };
 std::vector<Difference> differences(const Comparison::Pair&);
 // Without the comparison's key, and what follows from it.

@@ -180,7 +180,7 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   return table;
 }
 
-// Settings that belong together become a count: "realtime: false → true; realtime_settings (11 values)".
+// Settings that belong together become a count: "realtime: off → on; kernel (2 values)".
 std::string differences_text(const Comparison& comparison) {
   std::vector<std::pair<std::string, std::vector<Difference>>> kinds;
   for (const auto& pair : comparison.pairs)
@@ -197,9 +197,7 @@ std::string differences_text(const Comparison& comparison) {
   std::vector<std::string> parts;
   parts.reserve(kinds.size());
   for (const auto& [name, all] : kinds)
-    parts.push_back(all.size() > 1
-                        ? fmt::format("{} ({} values)", name, all.size())
-                        : fmt::format("{}: {} → {}", all.front().what, all.front().from, all.front().to));
+    parts.push_back(all.size() > 1 ? fmt::format("{} ({} values)", name, all.size()) : all.front().text);
   return join(parts, "; ");
 }
 
@@ -295,7 +293,7 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
 
 }  // namespace
 
-std::string render_answer(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
+std::string render_answer(Comparison comparison, const std::vector<gate::Judgement>& judgements,
                           Format format, const std::string& full_command, std::size_t width) {
   const auto is_imported = [](const Pair& pair) {
     return pair.from.front()->imported || pair.to.front()->imported;
@@ -304,6 +302,13 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
       std::ranges::any_of(comparison.pairs, is_imported))
     return render(comparison, judgements, format, width);
 
+  const auto sides = comparison.from_name + " → " + comparison.to_name;
+  // A load is a long name: only the line below the sentence has all of it.
+  constexpr std::size_t longest_name = 40;
+  std::vector<std::vector<std::string>> brief = {{comparison.from_name}, {comparison.to_name}};
+  shorten_names(brief, 0, longest_name);
+  comparison.from_name = brief.front().front();
+  comparison.to_name = brief.back().front();
   const auto names = names_of_pairs(comparison);
   std::string text = wrapped(printable(sentence_of(comparison, names)), width);
   std::vector<std::size_t> from, to;
@@ -317,11 +322,10 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   };
   const bool any_mean = std::ranges::max(from) + std::ranges::max(to) > 2;
   const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
-  text += wrapped(
-      printable(fmt::format("{} → {}; {} in ms; runs per row: {} and {}{}", comparison.from_name,
-                            comparison.to_name, all_listened(first) ? "times" : "round trips", range(from),
-                            range(to), any_mean ? "; each value is their mean, max the greatest" : "")),
-      width);
+  text += wrapped(printable(fmt::format("{}; {} in ms; runs per row: {} and {}{}", sides,
+                                        all_listened(first) ? "times" : "round trips", range(from), range(to),
+                                        any_mean ? "; each value is their mean, max the greatest" : "")),
+                  width);
   auto table = table::as_text(
       {.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()), width)}}, width);
   table.pop_back();  // the empty line after it

@@ -35,12 +35,10 @@ void add(Values& values, const std::string& name, const json& value) {
 std::set<std::string> own_settings_of(const Comparison::Runs& runs) {
   std::set<std::string> own;
   for (const auto* run : runs) {
-    const auto& asked = run->run.asked;
-    conditions::Run usual;
-    conditions::key_named("realtime")->set(usual, asked.task.realtime.on ? "on" : "off");
+    const auto asked = record::conditions_of(run->run.asked.document);
     Values values, follow;
-    add(values, realtime_settings, record::at(record::conditions_of(asked.document), realtime_settings));
-    add(follow, realtime_settings, record::at(conditions::to_json(usual), realtime_settings));
+    add(values, realtime_settings, record::at(asked, realtime_settings));
+    add(follow, realtime_settings, record::at(following(asked, "realtime"), realtime_settings));
     for (const auto& [name, value] : values)
       if (follow[name] != value) own.insert(name);
   }
@@ -79,10 +77,23 @@ Values values_of(const Comparison::Runs& runs) {
   return values;
 }
 
-std::string one_of(const Values& values, const std::string& name) {
+// In the words of a key, where one is given.
+std::string one_of(const Values& values, const std::string& name, const conditions::Key* key = nullptr) {
   const auto found = values.find(name);
   if (found == values.end()) return nothing;
-  return join({found->second.begin(), found->second.end()}, " or ");
+  std::vector<std::string> words;
+  for (const auto& value : found->second)
+    words.push_back(key == nullptr ? value : words_of_value(key->path, value));
+  return join(words, " or ");
+}
+
+// "period: 10 ms → 20 ms", by the key that a record stores there.
+std::string text_of(const std::string& name, const Values& before, const Values& after) {
+  const auto& keys = conditions::keys();
+  const auto found = std::ranges::find(keys, replace_all(name, " ", "."), &conditions::Key::json);
+  const auto* const key = found == keys.end() ? nullptr : &*found;
+  return fmt::format("{}: {} → {}", key == nullptr ? name : key->path, one_of(before, name, key),
+                     one_of(after, name, key));
 }
 
 }  // namespace
@@ -100,7 +111,7 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
   std::vector<Difference> found;
   for (const auto& name : names)
     if (const auto one = one_of(before, name), other = one_of(after, name); one != other)
-      found.push_back({name, one, other});
+      found.push_back({name, one, other, text_of(name, before, after)});
   return found;
 }
 

@@ -18,7 +18,6 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
-using Places = std::vector<json::json_pointer>;
 using Pair = Comparison::Pair;
 using Runs = Comparison::Runs;
 
@@ -41,22 +40,11 @@ Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
   return comparison;
 }
 
-// What is as by default, or follows from the value, such as the settings of `realtime: on`: no difference of
-// its own.
-void drop_what_follows(json& asked, const std::string& key, const std::string& value, const Places& places) {
-  auto alone = json::object();
-  for (const auto& place : places)
-    if (asked.contains(place)) alone[place] = asked[place];
-  auto said = conditions::run_of_record(alone);
-  if (const auto* const field = conditions::key_named(key)) try {
-      conditions::Run of_scenario;
-      field->set(of_scenario, value);
-      said = std::move(of_scenario);
-    } catch (const std::exception&) {  // a record's number has no unit, and nothing but its group follows
-    }
-  const auto follows = record::conditions_of(conditions::to_json(said));
-  for (const auto& [name, member] : follows.items())
-    if (record::at(asked, name) == member) asked.erase(name);
+std::string value_of(const json& asked, const std::string& key) {
+  std::vector<std::string> values;
+  for (const auto& place : conditions::places_of(key))
+    if (asked.contains(place)) add_once(values, word(asked[place]));
+  return values.empty() ? unset : join(values, ", ");
 }
 
 // A record repeats the controller's transport and options for a component that has none of its own.
@@ -87,21 +75,33 @@ std::pair<std::string, std::string> split_by(const std::string& stated, const st
   const auto key = conditions::current_key(stated);
   auto asked = record::conditions_of(summary.run.asked.document);
   if (!asked.is_object()) return {unset, ""};
-  std::vector<std::string> values;
-  const auto places = conditions::places_of(key);
-  for (const auto& place : places)
-    if (asked.contains(place)) add_once(values, word(asked[place]));
-  const auto value = values.empty() ? unset : join(values, ", ");
+  auto value = value_of(asked, key);
+  const auto follows = following(asked, key);
   drop_repeated(asked);
   if (key == "transport") drop_names_in_topics(asked);
-  drop_what_follows(asked, key, value, places);
-  for (const auto& place : places)
+  for (const auto& [name, member] : follows.items())
+    if (record::at(asked, name) == member) asked.erase(name);
+  for (const auto& place : conditions::places_of(key))
     if (asked.contains(place)) asked[place] = nullptr;
   asked.erase("id");
-  return {value, record::text_of(record::conditions_of(asked))};
+  return {std::move(value), record::text_of(record::conditions_of(asked))};
 }
 
 }  // namespace
+
+json following(const json& asked, const std::string& key) {
+  auto alone = json::object();
+  for (const auto& place : conditions::places_of(key))
+    if (asked.contains(place)) alone[place] = asked[place];
+  auto run = conditions::run_of_record(alone);
+  if (const auto* const field = conditions::key_named(key)) try {
+      conditions::Run of_scenario;
+      field->set(of_scenario, value_of(asked, key));
+      run = std::move(of_scenario);
+    } catch (const std::exception&) {  // a record's number has no unit, and nothing but its group follows
+    }
+  return record::conditions_of(conditions::to_json(run));
+}
 
 Runs whole(const Runs& runs) {
   Runs result;
