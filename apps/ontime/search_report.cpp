@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <iterator>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "report/words.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -98,8 +98,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
     const bool is_one = settings.size() == 1;
     if (is_one && std::includes(outcome.set.begin(), outcome.set.end(), settings.begin(), settings.end()))
       continue;
-    const auto text = is_one ? words_of(settings) : fmt::format("{} settings together", settings.size());
-    if (std::ranges::find(all, text) == all.end()) all.push_back(text);
+    report::add_once(all, is_one ? words_of(settings) : fmt::format("{} settings together", settings.size()));
   }
   return all;
 }
@@ -108,8 +107,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
 std::vector<std::string> refusals(const search::Outcome& outcome) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials)
-    if (trial.decision == Decision::refused && std::ranges::find(all, trial.why) == all.end())
-      all.push_back(trial.why);
+    if (trial.decision == Decision::refused) report::add_once(all, trial.why);
   return all;
 }
 
@@ -236,12 +234,10 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
-// Applies `made` to each line.
-std::string by_line(const std::string& text, std::string (*made)(const std::string&)) {
-  std::string lines;
-  std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines += made(line) + "\n";
-  return lines;
+std::string escaped_lines(const std::string& text) {
+  auto lines = table::split(text, '\n');
+  for (auto& line : lines) line = escaped(line);
+  return table::join(lines, "\n");
 }
 
 }  // namespace
@@ -283,7 +279,7 @@ std::string text_of(const SearchReport& report) {
   for (const auto& [title, words] : how_to_keep(report.kept)) text += fmt::format("\n{}:\n{}", title, words);
   text += fmt::format("\nTrials: {}. Runs: {}. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
-  return by_line(text, printable);
+  return table::printable_lines(text);
 }
 
 ordered_json json_of(const SearchReport& report) {
@@ -351,7 +347,7 @@ std::string page_of(const SearchReport& report) {
     body += "</ul>";
   }
   for (const auto& [title, words] : how_to_keep(report.kept))
-    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), by_line(words, escaped));
+    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), escaped_lines(words));
   body +=
       "<h2>Trials</h2><p>Share of messages (response: of cycles) that break each limit. Blue: the settings "
       "of the trial. Gray: "

@@ -208,10 +208,7 @@ std::string table_legend(const Summaries& summaries) {
   if (std::ranges::any_of(summaries, differs_by_response))
     legend += " Late by response time: cycles without an answer within the deadline after they were due.";
   legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
-  if (any_of_paper(summaries))
-    legend +=
-        " paper’s: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "
-        "hours). The paper’s load: 8 workers of each kind on the controller, 2 on the component.";
+  if (any_of_paper(summaries)) legend += replace_all(paper_legend, "'", "’");
   return legend;
 }
 

@@ -50,18 +50,13 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
 }
 
 // Not measured to its end or as asked.
-bool is_flawed(const Summary* run) {
-  const auto state = state_of(*run);
-  return state == Answer::State::not_applied || state == Answer::State::cut_off ||
-         state == Answer::State::failed;
-}
+bool is_flawed(const Summary* run) { return state_of(*run) >= Answer::State::not_applied; }
 
 // As the tables have it: " (NOT APPLIED)", of repetitions the gravest; else empty.
 std::string mark_of(const Group& runs) {
-  auto worst = Answer::State::ok;
-  for (const auto* run : runs)
-    if (is_flawed(run)) worst = std::max(worst, state_of(*run));
-  return worst == Answer::State::ok ? "" : fmt::format(" ({})", word_of(worst));
+  const auto* const worst =
+      *std::ranges::max_element(runs, {}, [](const auto* run) { return state_of(*run); });
+  return is_flawed(worst) ? fmt::format(" ({})", word_of(state_of(*worst))) : "";
 }
 
 }  // namespace

@@ -62,10 +62,10 @@ std::string tuned_words(const std::vector<std::string>& tuned, const std::string
                        : "with " + replace_all(join(tuned, ", "), "RT", "real-time settings");
 }
 // "traffic, load or link faults".
-std::string any_of(std::vector<std::string> all) {
+std::string listed(std::vector<std::string> all, const char* before_last) {
   const auto last = all.back();
   all.pop_back();
-  return all.empty() ? last : join(all, ", ") + " or " + last;
+  return all.empty() ? last : join(all, ", ") + before_last + last;
 }
 // What a class is without: all that any of these have.
 struct Lacking {
@@ -78,8 +78,8 @@ Lacking lacking_of(const std::vector<Class>& classes) {
     for (const auto& each : one.regime.tuned) add_once(tuned, replace_all(each, "RT", "real-time settings"));
   }
   Lacking lacking;
-  if (!stress.empty()) lacking.stress = any_of(stress);
-  if (!tuned.empty()) lacking.tuned = any_of(tuned);
+  if (!stress.empty()) lacking.stress = listed(stress, " or ");
+  if (!tuned.empty()) lacking.tuned = listed(tuned, " or ");
   return lacking;
 }
 // The parts of a regime that the sentence names.
@@ -299,12 +299,8 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   common("deadline_us", "deadline", &Client::deadline, duration);
   std::vector<std::string> texts;
   if (!parts.empty()) texts.push_back(join(parts, ", "));
-  if (unseen.size() == 1) texts.push_back(unseen.front() + " differs");
-  if (unseen.size() > 1) {
-    const auto last = unseen.back();
-    unseen.pop_back();
-    texts.push_back(join(unseen, ", ") + " and " + last + " differ");
-  }
+  if (!unseen.empty())
+    texts.push_back(listed(unseen, " and ") + (unseen.size() == 1 ? " differs" : " differ"));
   return join(texts, "; ");
 }
 

@@ -89,12 +89,6 @@ std::string with_whole_commands(const std::string& text) {
   return whole;
 }
 
-std::string with_blanks(std::string text) {
-  for (auto at = text.find(blank_of_command); at != text.npos; at = text.find(blank_of_command, at))
-    text.replace(at, std::string_view(blank_of_command).size(), " ");
-  return text;
-}
-
 std::string text_of(const SameCause& same, const Marks& marks) {
   const auto* const first = same.notes.front();
   auto lines = fmt::format("{}{:>4}  {}", marks.item, same.notes.size(), printable(same.text));
@@ -164,13 +158,7 @@ std::string text_of(const std::vector<Listed>& causes, const std::vector<Listed>
     });
   };
   std::vector<std::pair<std::string, std::vector<const Listed*>>> blocks;
-  for (const auto& cause : causes) {
-    const auto same = std::ranges::find(blocks, cause.remedy, [](const auto& block) { return block.first; });
-    if (same == blocks.end())
-      blocks.push_back({cause.remedy, {&cause}});
-    else
-      same->second.push_back(&cause);
-  }
+  for (const auto& cause : causes) entry_of(blocks, cause.remedy).push_back(&cause);
   std::ranges::stable_sort(blocks, std::ranges::greater(), [](const auto& block) {
     std::size_t messages = 0;
     for (const auto* cause : block.second) messages += cause->group.messages;
@@ -226,14 +214,12 @@ std::string text_of_all(const std::vector<Explained>& all, const Marks& marks, s
   const auto causes = across(all);
   auto text = fmt::format("{0}Causes of late or lost messages in {1} runs:{0}\n", marks.heading, runs);
   if (*marks.heading != '\0') text += "\n";
-  std::vector<Listed> listed;
   for (std::size_t i = 0; i < std::min(most_across, causes.size()); ++i) {
     const auto& [group, remedies, in] = causes[i];
-    listed.push_back({group, fmt::format(" ({})", many(in, "run", "runs")),
-                      remedies.size() == 1 ? *remedies.begin() : ""});
+    told.push_back({group, fmt::format(" ({})", many(in, "run", "runs")),
+                    remedies.size() == 1 ? *remedies.begin() : ""});
   }
-  text += text_of(listed, {}, marks);
-  told = std::move(listed);
+  text += text_of(told, {}, marks);
   if (causes.size() > most_across)
     text += fmt::format("{}… and {}, see each run\n", marks.item,
                         many(causes.size() - most_across, "more cause", "more causes"));
@@ -422,7 +408,7 @@ std::string render_explained(const std::vector<Explained>& all, Format format, s
   const auto without = std::ranges::count_if(all, is_untraced);
   for (const auto& one : all)
     if (without < 2 || !is_untraced(one))
-      add(with_blanks(fitted(text_of(one, marks, told), format, columns)));
+      add(replace_all(fitted(text_of(one, marks, told), format, columns), blank_of_command, " "));
   if (without > 1)  // one sentence for all of them
     add(std::cmp_equal(without, all.size())
             ? fmt::format(

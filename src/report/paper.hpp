@@ -21,6 +21,9 @@ struct PaperRow {
   std::uint64_t missed_deadlines = 0, lost = 0, messages = 0;
 };
 const std::vector<PaperRow>& paper();
+inline constexpr const char* paper_legend =
+    " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 hours). "
+    "The paper's load: 8 workers of each kind on the controller, 2 on the component.";
 
 // The rows that are comparable with a run: the same id, period, deadline, payload, schedule, real-time
 // settings and traffic, and a load where the paper has one. (Another test may have the same name.) The size

@@ -9,19 +9,6 @@
 #include "report/words.hpp"
 
 namespace ontime::report {
-namespace {
-
-using statistics::Summary;
-
-// A cycle without a message was not on time either.
-bool all_on_time(const Summary& summary) {
-  const auto fates = statistics::fates_of(summary);
-  return fates.sent > 0 && fates.not_in_time == 0;
-}
-
-std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
-
-}  // namespace
 
 Verdict verdict_of(const Summaries& summaries) {
   if (summaries.empty()) return {Verdict::Word::nothing, "Nothing was measured.", ""};
@@ -30,7 +17,7 @@ Verdict verdict_of(const Summaries& summaries) {
   std::size_t with_limit = 0, without_limit = 0;  // runs; only of a robot's own messages there may be none
   std::size_t with_missed = 0, with_open = 0;     // runs with such a requirement
   std::map<std::string, std::size_t> flaws;       // of runs that were measured to their end
-  const Summary* slowest = nullptr;
+  const statistics::Summary* slowest = nullptr;
   for (const auto* run : last_of(summaries)) {
     const auto& summary = *run;
     const bool knows_late = statistics::knows_late(summary.run),
@@ -44,7 +31,7 @@ Verdict verdict_of(const Summaries& summaries) {
       lost += fates.lost;
       late_cycles += summary.late_by_response.value_or(0);
       measured += fates.sent > 0 ? 1 : 0;
-      fine += all_on_time(summary) ? 1 : 0;
+      fine += fates.sent > 0 && fates.not_in_time == 0 ? 1 : 0;
       if (summary.round_trip.count > 0 &&
           (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
         slowest = &summary;
@@ -86,10 +73,10 @@ Verdict verdict_of(const Summaries& summaries) {
                           : fmt::format("{} messages {} lost", of_sent(lost), lost == 1 ? "was" : "were"));
     if (parts.empty())
       parts.push_back(fmt::format("every message sent came back in time, but {} had no answer within the {}",
-                                  cycles(late_cycles), deadline));
+                                  many(late_cycles, "cycle", "cycles"), deadline));
     else if (late_cycles > late + lost)  // a sender that stood still
-      parts.push_back(
-          fmt::format("{} had no answer in time, including cycles without a message", cycles(late_cycles)));
+      parts.push_back(fmt::format("{} had no answer in time, including cycles without a message",
+                                  many(late_cycles, "cycle", "cycles")));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
