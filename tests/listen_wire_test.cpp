@@ -14,12 +14,19 @@ class OnTheWire : public testing::Test {
  protected:
   OnTheWire() : OnTheWire(Limits{}) {}
   explicit OnTheWire(const Limits& limits) : wire(limits) {}
-  void arrive(const Rtps& rtps, const std::string& destination = "10.0.0.2:7411", bool is_one_host = false) {
+  void arrive(const Rtps& rtps, const std::string& destination = "10.0.0.2:7411", bool is_one_host = false,
+              bool is_cut = false) {
     at_ns += 10'000'000;
     wire.add(at_ns, {.source = "10.0.0.1:4000",
                      .destination = destination,
                      .is_one_host = is_one_host,
+                     .is_cut = is_cut,
                      .payload = rtps.bytes});
+  }
+  // As a capture that does not keep its last 50 bytes.
+  void arrive_cut(Rtps rtps, const std::string& destination = "10.0.0.2:7411") {
+    rtps.bytes.resize(rtps.bytes.size() - 50);
+    arrive(rtps, destination, false, true);
   }
   Flow flow() const { return wire.findings().flows.at(0); }
   Wire wire;
@@ -388,23 +395,31 @@ TEST_F(OnTheWire, RestartIsSeenAmongNumbersThatNeverCame) {
 
 TEST_F(OnTheWire, DatagramCutShortMakesNoLoss) {
   arrive(Rtps().data(1));
-  auto cut = Rtps().data(2).data(3, Bytes(100));
-  cut.bytes.resize(cut.bytes.size() - 50);
-  arrive(cut);
+  arrive_cut(Rtps().data(2).data(3, Bytes(100)));
   arrive(Rtps().data(9));
   EXPECT_EQ(flow().lost, 0U);
   EXPECT_THAT(wire.findings().remarks, testing::Contains(testing::HasSubstr("in part")));
   EXPECT_THAT(wire.findings().incomplete, testing::ElementsAre(testing::HasSubstr("in part")));
 }
 
+// Any program can send one. No reader takes its last submessage.
+TEST_F(OnTheWire, InvalidDatagramHidesNoLossAndIsNoMessage) {
+  arrive(Rtps().data(1));
+  auto invalid = Rtps().data(2).data(3, Bytes(100));
+  invalid.bytes.resize(invalid.bytes.size() - 50);
+  arrive(invalid);
+  arrive(Rtps().data(9));
+  EXPECT_EQ(flow().messages, 3U);
+  EXPECT_EQ(flow().lost, 6U);
+  EXPECT_EQ(flow().period.count(), 2U);
+  EXPECT_THAT(wire.findings().remarks, testing::Not(testing::Contains(testing::HasSubstr("in part"))));
+}
+
 // To two readers, by a capture that keeps only the begin of each datagram.
 TEST_F(OnTheWire, CopyOfAMessageInACutDatagramIsNoMessage) {
   for (unsigned i = 1; i <= 10; ++i)
-    for (const auto* reader : {"10.0.0.2:7411", "10.0.0.3:7411"}) {
-      auto cut = Rtps().stamp(i, 0).data(i, Bytes(100));
-      cut.bytes.resize(cut.bytes.size() - 50);
-      arrive(cut, reader);
-    }
+    for (const auto* reader : {"10.0.0.2:7411", "10.0.0.3:7411"})
+      arrive_cut(Rtps().stamp(i, 0).data(i, Bytes(100)), reader);
   EXPECT_EQ(flow().messages, 10U);
   EXPECT_EQ(flow().duplicated, 0U);
   EXPECT_EQ(flow().lost, 0U);

@@ -22,8 +22,11 @@ constexpr int most_frame_bytes = 1 << 17, ring_bytes = 16 << 20;
 // Per call: fewer than the ring holds, so that drops are noted before the packets behind them are read.
 constexpr int most_packets = 64;
 constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; the year 2096
-// RTPS over IPv4, later fragments of anything, and UDP over IPv6.
-constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
+// RTPS over IPv4, later fragments of anything, UDP over IPv6, and what has a VLAN tag: the kernel has taken
+// one tag off before, but a frame may have two.
+constexpr const char* wanted =
+    "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp) or ether proto 0x8100 or "
+    "ether proto 0x88a8";
 
 using Handle = std::unique_ptr<pcap_t, void (*)(pcap_t*)>;
 

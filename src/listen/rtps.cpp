@@ -61,8 +61,8 @@ class Datagram {
  public:
   explicit Datagram(const Visitor& visitor) : visitor_(visitor) {}
 
-  Outcome visit(Bytes bytes) {
-    if (bytes.size() < header_bytes || std::memcmp(bytes.data(), "RTPS", 4) != 0) return Outcome::foreign;
+  void visit(Bytes bytes, bool is_cut) {
+    if (bytes.size() < header_bytes || std::memcmp(bytes.data(), "RTPS", 4) != 0) return;
     std::memcpy(prefix_.data(), bytes.data() + 8, prefix_.size());
     bytes = bytes.subspan(header_bytes);
     while (bytes.size() >= 4) {
@@ -72,12 +72,11 @@ class Datagram {
       bytes = bytes.subspan(4);
       // The last submessage may leave its length out; padding and time stamps may be empty.
       if (size == 0 && kind != pad && kind != info_timestamp) size = bytes.size();
-      const bool is_cut = size > bytes.size();
-      submessage(kind, flags, bytes.first(std::min(size, bytes.size())));
-      if (is_cut) return Outcome::cut;
+      if (size > bytes.size() && !is_cut) return;
+      size = std::min(size, bytes.size());
+      submessage(kind, flags, bytes.first(size));
       bytes = bytes.subspan(size);
     }
-    return bytes.empty() ? Outcome::whole : Outcome::cut;
   }
 
  private:
@@ -203,8 +202,8 @@ std::string string_of(Reader in, std::size_t size) {
 
 }  // namespace
 
-Outcome visit(std::span<const std::byte> datagram, const Visitor& visitor) {
-  return Datagram(visitor).visit(datagram);
+void visit(std::span<const std::byte> datagram, const Visitor& visitor, bool is_cut) {
+  Datagram(visitor).visit(datagram, is_cut);
 }
 
 std::optional<Endpoint> announced(const Data& data) {

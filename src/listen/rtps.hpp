@@ -49,12 +49,9 @@ struct Visitor {
   std::function<void(const Heartbeat&)> heartbeat;
 };
 
-enum class Outcome : std::uint8_t {
-  whole,
-  cut,     // it ends within a submessage; the part before was visited
-  foreign  // it is not RTPS
-};
-Outcome visit(std::span<const std::byte> datagram, const Visitor&);
+// Ignores datagrams that are not RTPS. The submessage that goes beyond the end is visited only if the capture
+// cut the datagram: else it is invalid, and no reader takes it.
+void visit(std::span<const std::byte> datagram, const Visitor&, bool is_cut = false);
 
 // A writer or reader as announced by a discovery message.
 struct Endpoint {

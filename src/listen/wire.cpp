@@ -51,7 +51,8 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
     if (stream->has_new_reader) pass_over_before(*stream, heartbeat.last + 1);
     stream->sequence.announce(heartbeat.last);
   };
-  if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut || datagram.is_cut) {
+  rtps::visit(datagram.payload, visitor, datagram.is_cut);
+  if (datagram.is_cut) {
     ++cut_;
     interrupt();
   }

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files and flags of `ontime listen` that need no node: captures, and what is refused."""
 
+import contextlib
 import itertools
 import json
 import os
@@ -64,13 +65,13 @@ class Input(unittest.TestCase):
         # Of a topic's reader the domain is checked first, with whatever transport is installed.
         self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
 
-    def packet(self, number):
+    def packet(self, number, tags=b""):
         """From a writer without a name."""
         data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
         rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
         udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
         ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
-        return bytes(12) + b"\x08\0" + ip
+        return bytes(12) + tags + b"\x08\0" + ip
 
     def capture(self, messages, kept=65535):
         """One each second; of each packet so many bytes are kept."""
@@ -82,15 +83,26 @@ class Input(unittest.TestCase):
 
     @unittest.skipUnless(os.geteuid() == 0, "interfaces need root")
     def test_packet_that_passes_two_interfaces_is_one_message(self):
+        self.check_capture("any")
+
+    @unittest.skipUnless(os.geteuid() == 0, "interfaces need root")
+    def test_packets_with_vlan_tags_are_seen(self):
+        service, customer = b"\x88\xa8\0\x07", b"\x81\0\0\x09"
+        for tags in customer, service + customer, customer + customer:
+            for interface in "v0", "v1", "any":
+                with self.subTest(tags=tags, interface=interface):
+                    self.check_capture(interface, tags)
+
+    def check_capture(self, interface, tags=b""):
         subprocess.run("ip link add v0 type veth peer name v1 && ip link set v0 up && ip link set v1 up", shell=True, check=True)
-        self.addCleanup(subprocess.run, ["ip", "link", "del", "v0"], check=True)
-        with socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
+        with contextlib.ExitStack() as end, socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
+            end.callback(subprocess.run, ["ip", "link", "del", "v0"], check=True)
             wire.bind(("v0", 0))
-            with subprocess.Popen([ONTIME, "listen", "--packets", "any", "--for", "1s", "--format", "json"], stdout=subprocess.PIPE) as listener:
+            with subprocess.Popen([ONTIME, "listen", "--packets", interface, "--for", "1s", "--format", "json"], stdout=subprocess.PIPE) as listener:
                 for number in itertools.count(1):
                     if listener.poll() is not None:
                         break
-                    wire.send(self.packet(number))
+                    wire.send(self.packet(number, tags))
                     time.sleep(0.01)
                 flow, = json.load(listener.stdout)["flows"]
         self.assertGreater(flow["messages"], 1)
