@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <cerrno>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -11,6 +12,8 @@
 #include <thread>
 
 #include <arpa/inet.h>
+#include <dirent.h>
+#include <dlfcn.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -30,6 +33,7 @@ namespace {
 thread_local std::int64_t received_ns = 0;  // when the kernel last handed this thread a datagram
 std::atomic<std::int64_t> last_launch_tai_ns = 0;
 std::atomic<int> without_launch_time = 0;  // datagrams that were written
+bool disk_fails = false;                   // no folder can be read to its end
 }  // namespace
 
 // This program stands between the transport and the kernel.
@@ -53,6 +57,13 @@ extern "C" ssize_t sendto(int fd, const void* data, std::size_t bytes, int flags
                           socklen_t length) {
   ++without_launch_time;
   return syscall(SYS_sendto, fd, data, bytes, flags, to, length);
+}
+
+extern "C" dirent* readdir(DIR* folder) {
+  static const auto real = reinterpret_cast<dirent* (*)(DIR*)>(dlsym(RTLD_NEXT, "readdir"));
+  auto* const entry = real(folder);
+  if (entry == nullptr && disk_fails) errno = EIO;
+  return entry;
 }
 
 namespace ontime::transport {
@@ -84,6 +95,19 @@ TEST(Load, FindsWhatIsThereAndNamesItOtherwise) {
     EXPECT_THAT(error.what(),
                 testing::AllOf(HasSubstr("telepathy"), HasSubstr("udp"), HasSubstr("looked in")));
   }
+}
+
+TEST(Load, FolderThatCannotBeReadIsNamedAndHidesNoTransport) {
+  disk_fails = true;
+  EXPECT_STREQ(load("udp").name, "udp");
+  EXPECT_THAT(available(), testing::Contains("udp"));
+  try {
+    load("telepathy");
+    ADD_FAILURE();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("Input/output error"));
+  }
+  disk_fails = false;
 }
 
 // The object would be loaded, and its code would run.

@@ -46,6 +46,14 @@ std::vector<fs::path> search_path() {
   return folders;
 }
 
+// What the folder holds, as far as it can be read.
+std::vector<std::string> files_in(const fs::path& folder, std::error_code& error) {
+  std::vector<std::string> names;
+  for (fs::directory_iterator entry(folder, error), end; entry != end; entry.increment(error))
+    names.push_back(entry->path().filename().string());
+  return names;
+}
+
 // An ament package that brings a transport registers it as a resource of type ontime_transport, whose content
 // is where the shared object lies below the package's prefix.
 constexpr const char* ament_index = "share/ament_index/resource_index/ontime_transport";
@@ -154,8 +162,13 @@ std::string find(const std::string& name) {
   }
   if (const auto file = in_ament_index(name)) return *file;
   std::vector<std::string> looked;
-  looked.reserve(folders.size());
-  for (const auto& folder : folders) looked.push_back(folder.string());
+  for (const auto& folder : folders) {
+    std::error_code error;
+    files_in(folder, error);
+    looked.push_back(folder.string());
+    if (error && error != std::errc::no_such_file_or_directory)
+      looked.back() += fmt::format(" (cannot be read: {})", error.message());
+  }
   const auto others = available();
   throw Error(fmt::format("no transport '{}' here{}{}; available: {}; looked in {}{}", name,
                           spelling::suggestion(name, others), remedy(name),
@@ -188,18 +201,14 @@ std::string unknown_option(const std::string& transport, std::span<const Option>
 
 std::vector<std::string> available() {
   std::set<std::string> names;
-  for (const auto& folder : search_path()) {
-    std::error_code none;
-    for (const auto& entry : fs::directory_iterator(folder, none)) {
-      const auto file = entry.path().filename().string();
+  std::error_code ignored;  // find() says it
+  for (const auto& folder : search_path())
+    for (const auto& file : files_in(folder, ignored))
       if (file.starts_with(prefix) && file.ends_with(suffix))
         names.insert(file.substr(prefix.size(), file.size() - prefix.size() - suffix.size()));
-    }
-  }
   for (const auto& prefix_path : folders_in(ament_variable)) {
-    std::error_code none;
-    for (const auto& entry : fs::directory_iterator(prefix_path / ament_index, none))
-      names.insert(entry.path().filename().string());
+    const auto files = files_in(prefix_path / ament_index, ignored);
+    names.insert(files.begin(), files.end());
   }
   return {names.begin(), names.end()};
 }
