@@ -79,7 +79,8 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   else if (const auto end = text.find(": At Most 1 required"); end != text.npos)
     text.replace(end, text.npos, " is given twice");
   if (!unknown.empty()) text += as_value(command, unknown.front());
-  return "ontime: " + text + meant(command, unknown) + "\nSee: " + path_of(command) + " --help\n";
+  return "ontime: " + table::printable(text) + meant(command, unknown) + "\nSee: " + path_of(command) +
+         " --help\n";
 }
 
 }  // namespace

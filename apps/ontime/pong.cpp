@@ -57,7 +57,7 @@ void add_pong(Command& app) {
           run, terminal, catch_interrupts(),
           [](const record::Host& opened) {
             print_opened(opened.transport);
-            for (const auto& text : report::refusals_of(opened)) print_error(text);
+            for (const auto& text : report::refusals_of(opened)) print_own_lines(text);
           },
           served);
     } catch (...) {

@@ -74,10 +74,13 @@ void erase_line() {
   if (std::exchange(line_is_open, false)) say("\r\033[K");
 }
 
+constexpr const char* quote = "  | ";  // before text from elsewhere: a command to paste stands without it
+
 // On a terminal broken between words. A command at the end stays whole on a line of its own, to be copied.
 std::string fitted(const std::string& line) {
   const auto width = columns();
   if (isatty(STDERR_FILENO) == 0 || table::width_of(line) <= width) return line + "\n";
+  if (line.starts_with(quote)) return table::wrapped(line.substr(4), width, quote);
   std::size_t advice = 0;  // 0: none, and ": ontime" begins a sentence. Text from elsewhere comes before it.
   for (const auto* word : {"Fix", "See: ", "Next: "}) advice = std::max(advice, line.rfind(word) + 1);
   for (auto end = advice == 0 ? line.npos : line.find(": ", advice); end != line.npos;
@@ -90,12 +93,11 @@ std::string fitted(const std::string& line) {
 }
 
 // Text from elsewhere (a type name from the network, another machine's words) must not control the terminal.
-// Further lines are indented, so that only the first looks like a line of ontime.
-std::string lines_of(const std::string& text) {
+std::string lines_of(const std::string& text, const char* before_further) {
   std::istringstream lines("ontime: " + text);
   std::string result;
   for (std::string line; std::getline(lines, line);)
-    result += fitted((result.empty() ? "" : "  ") + table::printable(line));
+    result += fitted((result.empty() ? "" : before_further) + table::printable(line));
   return result;
 }
 
@@ -274,15 +276,21 @@ void print(const std::string& text) {
   clear_progress_line();
   std::fputs(for_output(text).c_str(), stdout);
   // A closed terminal is an interruption, which is already counted.
-  if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
-    throw campaign::Error(
-        3, errno == EBADF ? closed_output
-                          : "standard output cannot be written: " + std::generic_category().message(errno));
+  if ((std::fflush(stdout) == 0 && std::ferror(stdout) == 0) || interrupts > 0) return;
+  if (errno == EPIPE) throw ReaderGone();
+  throw campaign::Error(
+      3, errno == EBADF ? closed_output
+                        : "standard output cannot be written: " + std::generic_category().message(errno));
 }
 
 void print_error(const std::string& text) {
   clear_progress_line();
-  say("{}", lines_of(text));
+  say("{}", lines_of(text, quote));
+}
+
+void print_own_lines(const std::string& text) {
+  clear_progress_line();
+  say("{}", lines_of(text, "  "));
 }
 
 }  // namespace ontime::app

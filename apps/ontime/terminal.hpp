@@ -72,13 +72,14 @@ bool was_stopped();
 // How this program was called, for the record.
 nlohmann::json command_line();
 
-// To standard output, all of it, or throws Error.
+// To standard output, all of it, or throws Error or ReaderGone.
 void print(const std::string& text);
 template <class Json>
 void print_json(const Json& value) {
   print(report::json_text(value));
 }
-// To standard error, as "ontime: text"; never throws.
+// To standard error, as "ontime: text"; never throws. Further lines are another program's: they are quoted.
 void print_error(const std::string& text);
+void print_own_lines(const std::string& text);  // the same of lines that are all ontime's
 
 }  // namespace ontime::app

@@ -154,7 +154,10 @@ int apply(const TuneArguments& arguments) {
     changes = settings::apply(journal, run.kernel, link);
     settings::remember(journal, changes, link);
     for (const auto& change : changes) lines.push_back(in_words(change));
-    print_lines(lines);  // first: where it cannot be written, nothing stays changed
+    try {
+      print_lines(lines);          // first: where it cannot be written, nothing stays changed
+    } catch (const ReaderGone&) {  // `| head` has what it wanted
+    }
     if (interrupts > 0) {
       restore();
       return 130;

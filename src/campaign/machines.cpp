@@ -76,8 +76,8 @@ class Problems {
   void tell() const {
     if (texts_.size() == 1) throw Error(exit_, texts_.front());
     if (!texts_.empty())
-      throw Error(exit_, fmt::format("{} problems (nothing was changed):\n  {}", texts_.size(),
-                                     fmt::join(texts_, "\n  ")));
+      throw Error(exit_, fmt::format("{} problems (nothing was changed):\n{}", texts_.size(),
+                                     fmt::join(texts_, "\n")));
   }
 
  private:

@@ -300,6 +300,15 @@ class Newcomer(unittest.TestCase):
         self.assertIn("ontime: ontime on the component's machine", shown[0])
         self.assertEqual([line for line in shown if len(line) > 80], [])
 
+    def test_further_lines_of_a_foreign_text_are_no_commands_to_paste(self):
+        foreign = "a\n  sudo reboot " + 20 * "now and then "
+        for arguments in ["ping", foreign], ["run", foreign], ["report", foreign]:
+            piped = self.ontime(*arguments, code=2).stderr
+            shown = self.on_a_terminal(*arguments, LC_ALL="C.UTF-8", TERM="dumb").decode()
+            for line in (piped + shown).splitlines():
+                self.assertRegex(line, "^(ontime: |  \\| |See: |  [^s])")
+        self.assertGreater(shown.count("\n"), 3)
+
     def test_id_from_a_foreign_file_is_no_line_to_paste(self):
         self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", "r.ontime")
         with contextlib.closing(sqlite3.connect(self.folder / "r.ontime")) as database, database:

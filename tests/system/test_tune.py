@@ -262,6 +262,16 @@ class Tune(unittest.TestCase):
         self.assertEqual(state(), self.before)
         self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing is applied")
 
+    def test_reader_that_leaves_undoes_nothing(self):
+        gone, out = os.pipe()
+        os.close(gone)
+        answer = subprocess.run([ONTIME, "tune", "apply", "--set", "busy-poll=40"], stdout=out, stderr=subprocess.PIPE, text=True, timeout=120)
+        os.close(out)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("ontime tune revert", answer.stderr)
+        self.assertEqual(self.ontime("tune", "verify").returncode, 0)
+        self.assertEqual(self.ontime("tune", "revert").returncode, 0)
+
     def test_a_journal_that_may_not_grow_leaves_nothing_changed(self):
         sets = [word for name in ("busy-poll=1", "busy-read=1", "ksoftirqd=1", "rmem-max=9 MiB") for word in ("--set", name)]
         answer = subprocess.run(["sh", "-c", 'ulimit -f 1; exec "$@"', "-", ONTIME, "tune", "apply", *sets],  # 512 bytes
