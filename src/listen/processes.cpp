@@ -95,8 +95,8 @@ Processes::Change Processes::look() {
   std::set<std::uint32_t> present;
   Opened opened;
   std::error_code error;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc", error)) {
-    const auto number = number_in<std::uint32_t>(entry.path().filename().string());
+  for (std::filesystem::directory_iterator entry("/proc", error), end; entry != end; entry.increment(error)) {
+    const auto number = number_in<std::uint32_t>(entry->path().filename().string());
     if (!number) continue;
     const auto id = *number;
     present.insert(id);  // if it ended since, it is gone at the next look
