@@ -20,11 +20,16 @@ def is_there():
 
 
 class Browser:
-    def __init__(self, driver, width=1280, height=900, scheme="light"):
+    def __init__(self, driver):
         self.base = driver
         flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-dev-shm-usage"]
         self.session = self.call("POST", "/session", {"capabilities": {"alwaysMatch": {
             "goog:loggingPrefs": {"browser": "ALL"}, "goog:chromeOptions": {"args": flags}}}})["sessionId"]
+
+    def begin(self, width=1280, height=900, scheme="light"):
+        """With no page, as if it had just been started."""
+        self.do("POST", "/url", {"url": "about:blank"})
+        self.errors()
         self.devtools("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.devtools("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 

@@ -25,12 +25,13 @@ class Opened(unittest.TestCase):
         cls.stack = contextlib.ExitStack()
         cls.addClassCleanup(cls.stack.close)
         cls.folder = pathlib.Path(cls.stack.enter_context(tempfile.TemporaryDirectory()))
-        cls.driver = cls.stack.enter_context(browser.driver())
+        # One for all: to start it takes longer than most tests.
+        cls.opened = browser.Browser(cls.stack.enter_context(browser.driver()))
+        cls.stack.callback(cls.opened.close)
 
     def browser(self, **options):
-        opened = browser.Browser(self.driver, **options)
-        self.addCleanup(opened.close)
-        return opened
+        self.opened.begin(**options)
+        return self.opened
 
     def page_of(self, results):
         page = results.with_suffix(".html")
