@@ -86,7 +86,7 @@ defaults: {transport: [%s], period: 5 ms, schedule: fixed, timeout: 1 s, duratio
 runs:
   - {id: lossy, link: {loss: 10 %%}}
   - {id: double, link: {duplicate: 50 %%}}
-  - {id: cut, link: {cut: 1 s for 500 ms}}
+  - {id: cut, link: {cut: 100 ms for 500 ms}}
   - {id: slow, link: {delay: 2 ms}}
   - {id: busy, link: {loss: 10 %%}, traffic: {rate: 4 Mbit/s}}
 """
