@@ -165,7 +165,8 @@ std::string reason_of_bringing(int code, const std::string& said) {
 }  // namespace
 
 std::vector<std::string> packages_of(const std::vector<std::string>& libraries) {
-  constexpr std::chrono::seconds limit{10};
+  // dpkg reads the list of files of each package: on a busy machine, that takes long.
+  constexpr std::chrono::seconds limit{60};
   std::set<std::string> packages;
   // What came from another machine becomes part of a pattern here.
   const auto odd = [](char c) {
