@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "plot/plot.hpp"
+#include "report/answer.hpp"
 #include "report/comparison.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -215,6 +216,25 @@ TEST(TableFormat, RepetitionsFitEightyColumns) {
                                           ::testing::_, ::testing::_, ::testing::_, "[2000,", "9000]",
                                           ::testing::_, ::testing::_, ::testing::_))
       << "p50, p99, max and misses remain";
+}
+
+// Late by response time alone: late in the answer's row and verdict.
+TEST(TableFormat, MissedSharesCountWhatTheVerdictCounts) {
+  std::vector<Summary> runs;
+  for (const auto repetition : {1, 2}) {
+    auto& one = runs.emplace_back(summary(asked("x", "udp", repetition), outcome()));
+    one.late_by_response = 100;
+    auto& late = one.late_by_response_probability;
+    late.events = 100;
+    late.messages = one.missed_probability.messages = 2000;
+    late.sure = {0.04, 0.06};
+    one.missed_probability.bound = 0.01;
+  }
+  EXPECT_EQ(answer_of(runs, {}).rows.at(0).missed, 200U);
+  const auto text = render(runs, Format::markdown);
+  const auto spread = text.substr(text.find("over repetitions"));
+  EXPECT_THAT(spread, HasSubstr("| 5 \\[5, 5\\] |"));
+  EXPECT_THAT(spread.substr(spread.find("95 %")), HasSubstr("| \\[4, 6\\] |"));
 }
 
 TEST(Paper, AllItsRowsAreThere) {

@@ -63,6 +63,7 @@ std::string note_of(const Summary& summary) {
                        many(bursts.count, "burst", "bursts"), grouped(bursts.longest),
                        time(static_cast<double>(bursts.longest_ns)));
   }
+  if (differs_by_response(summary)) return "";  // its cycles were late
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
   const auto effective = static_cast<double>(missed.messages) / missed.effect;
   // How often a message is sent is not known from one.
@@ -194,10 +195,12 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
                           {"Missed (%)"}}};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->round_trip_certainty;
-    if (!of[Figure::p50].sure.low && runs[i]->missed_probability.messages == 0) continue;
+    const auto& missed =
+        differs_by_response(*runs[i]) ? runs[i]->late_by_response_probability : runs[i]->missed_probability;
+    if (!of[Figure::p50].sure.low && missed.messages == 0) continue;
     table.rows.push_back({labels[i], interval(of[Figure::p50].sure), interval(of[Figure::p99].sure),
                           interval(of[Figure::p99_9].sure), interval(of[Figure::p99_99].sure),
-                          interval(runs[i]->missed_probability)});
+                          interval(missed)});
     if (const auto note = note_of(*runs[i]); !note.empty()) table.notes.push_back(labels[i] + ": " + note);
     if (!runs[i]->round_trip_certainty.shift && !of[Figure::p50].sure.low && *of[Figure::p50].open != '\0')
       table.notes.push_back(fmt::format("{}: no interval: {}", labels[i], of[Figure::p50].open));

@@ -118,8 +118,11 @@ Table spread_table(const Group& group, const Summaries& summaries) {
       return of ? text(of->median_ns, of->low_ns, of->high_ns, microseconds) : nothing;
     };
     std::vector<double> missed;
-    for (const auto* run : runs)
-      missed.push_back(static_cast<double>(run->late + run->lost) / static_cast<double>(run->sent));
+    for (const auto* run : runs) {
+      const auto fates = statistics::fates_of(*run);
+      missed.push_back(static_cast<double>(fates.not_in_time) /
+                       static_cast<double>(fates.sent + fates.skipped));
+    }
     const auto [fewest, most] = std::ranges::minmax(missed);
     const bool knows_misses = std::ranges::all_of(runs, [](const auto* run) {
       return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
@@ -220,10 +223,7 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
     legend += " ≥: lower limit only; the effective sample size is too small for an upper limit.";
   if (any_cell([](const std::string& cell) { return cell == nothing; }))
     legend += " -: too few messages, or unknown.";
-  if (any_of_paper(summaries))
-    legend +=
-        " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 "
-        "hours). The paper's load: 8 workers of each kind on the controller, 2 on the component.";
+  if (any_of_paper(summaries)) legend += paper_legend;
   return legend;
 }
 
