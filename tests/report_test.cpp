@@ -378,6 +378,20 @@ TEST(Printable, LetsNothingSteer) {
     EXPECT_EQ(table::printable(plain), plain);
 }
 
+TEST(Width, IsThatOfTheTerminal) {
+  for (const auto& [text, width] : {std::pair("abc", 3U),
+                                    {"e\u0301t\u0301", 2U},  // combining accents
+                                    {"日本", 4U},            // wide
+                                    {"คู่มือ", 3U},             // marks above and below
+                                    {"👩\u200d", 2U}})        // a joiner
+    EXPECT_EQ(width_of(text), width) << text;
+  EXPECT_EQ(table::shortened("e\u0301e\u0301e\u0301", 2), "e\u0301…");
+  const auto text = table::as_text({.tables = {{.columns = {{"", table::Column::Align::left}, {"n"}},
+                                                .rows = {{"日本", "1"}, {"e\u0301", "2"}}}}},
+                                   80);
+  EXPECT_THAT(text, HasSubstr("\n日本  1\ne\u0301     2\n"));
+}
+
 TEST(AllFormats, LetNothingSteerTheTerminal) {
   const auto hostile_in_all_texts = [](json value, const std::string& text) {
     const auto leaves = value.flatten();

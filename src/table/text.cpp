@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <clocale>
 #include <cstddef>
 #include <cstdint>
+#include <cwchar>
 #include <string_view>
 
 #include <boost/algorithm/string/split.hpp>
@@ -49,6 +51,22 @@ bool steers(std::uint32_t c) {
          (c & 0xfffeU) == 0xfffe;  // no characters, which XML cannot have
 }
 
+// Without combining marks and joiners, which take no column of their own.
+std::string without_marks(const std::string& text) {
+  static const auto utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", nullptr);
+  if (utf8 == nullptr) return text;
+  const auto before = uselocale(utf8);
+  std::string rest;
+  for (std::size_t i = 0; i < text.size();) {
+    const auto [c, length] = first_of(std::string_view(text).substr(i));
+    const auto bytes = std::max<std::size_t>(length, 1);
+    if (c < 0x80 || wcwidth(static_cast<wchar_t>(c)) != 0) rest.append(text, i, bytes);
+    i += bytes;
+  }
+  uselocale(before);
+  return rest;
+}
+
 bool ends_in_digit(const std::string& word) {
   return !word.empty() && word.back() >= '0' && word.back() <= '9';
 }
@@ -80,7 +98,8 @@ std::string printable(const std::string& text) {
 
 // fmt knows which letters take two columns, and fills a text to a width. No text has fewer bytes than
 // columns.
-std::size_t width_of(const std::string& text) {
+std::size_t width_of(const std::string& whole) {
+  const auto text = without_marks(whole);
   return 2 * text.size() - fmt::formatted_size("{:<{}}", text, text.size());
 }
 
