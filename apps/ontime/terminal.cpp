@@ -224,14 +224,17 @@ void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanose
 
 void Terminal::ends(const roundtrip::Counters& counters) {
   const std::lock_guard lock(line_mutex);
-  beyond_plan_ += std::max(Seconds(0), Seconds(Clock::now() - begun_ - planned_));
+  const auto now = Clock::now();
+  beyond_plan_ += std::max(Seconds(0), Seconds(now - begun_ - planned_));
   ++measured_;
   erase_line();
   say("{}", fitted(fmt::format("{}  {}", head(), words(counters))));
+  ended_ = now;
 }
 
 void Terminal::recorded(std::int64_t /*run*/) {
   const std::lock_guard lock(line_mutex);
+  if (ended_) beyond_plan_ += Clock::now() - *std::exchange(ended_, std::nullopt);
   name_.clear();
 }
 

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <functional>
+#include <optional>
 #include <string>
 #include <thread>
 
@@ -47,6 +48,7 @@ class Terminal : public campaign::Observer {
   std::string doing_;  // or how far the messages are; "": the line shows something else
   bool measures_ = false;
   Clock::time_point begun_, doing_since_;
+  std::optional<Clock::time_point> ended_;              // its messages; traces are read then
   std::size_t runs_ = 1, number_ = 0, to_measure_ = 0;  // all; this one; after it, at most
   Seconds planned_{0}, planned_after_{0};               // for this run, and for all after it
   // What the runs so far took beyond the plan: to start load, to read traces.
