@@ -51,21 +51,21 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
   return classes;
 }
 
-// `lacking`: what other runs have, if this is none.
-std::string stress_words(const std::vector<Stress>& stress, const std::string& lacking) {
-  if (stress.empty()) return "without " + lacking;
-  return (stress.front().what.starts_with("link") ? "with " : "under ") +
-         join(words_of(stress, " of another component"), ", ");
-}
-std::string tuned_words(const std::vector<std::string>& tuned, const std::string& lacking) {
-  return tuned.empty() ? "without " + lacking
-                       : "with " + replace_all(join(tuned, ", "), "RT", "real-time settings");
-}
 // "traffic, load or link faults".
 std::string listed(std::vector<std::string> all, const char* before_last) {
   const auto last = all.back();
   all.pop_back();
   return all.empty() ? last : join(all, ", ") + before_last + last;
+}
+// `lacking`: what other runs have, if this is none.
+std::string stress_words(const std::vector<Stress>& stress, const std::string& lacking) {
+  if (stress.empty()) return "without " + lacking;
+  return (stress.front().what.starts_with("link") ? "with " : "under ") +
+         listed(words_of(stress, " of another component"), " and ");
+}
+std::string tuned_words(const std::vector<std::string>& tuned, const std::string& lacking) {
+  return tuned.empty() ? "without " + lacking
+                       : "with " + replace_all(listed(tuned, " and "), "RT", "real-time settings");
 }
 // What a class is without: all that any of these have.
 struct Lacking {
