@@ -51,22 +51,6 @@ bool steers(std::uint32_t c) {
          (c & 0xfffeU) == 0xfffe;  // no characters, which XML cannot have
 }
 
-// Without combining marks and joiners, which take no column of their own.
-std::string without_marks(const std::string& text) {
-  static const auto utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", nullptr);
-  if (utf8 == nullptr) return text;
-  const auto before = uselocale(utf8);
-  std::string rest;
-  for (std::size_t i = 0; i < text.size();) {
-    const auto [c, length] = first_of(std::string_view(text).substr(i));
-    const auto bytes = std::max<std::size_t>(length, 1);
-    if (c < 0x80 || wcwidth(static_cast<wchar_t>(c)) != 0) rest.append(text, i, bytes);
-    i += bytes;
-  }
-  uselocale(before);
-  return rest;
-}
-
 bool ends_in_digit(const std::string& word) {
   return !word.empty() && word.back() >= '0' && word.back() <= '9';
 }
@@ -96,11 +80,20 @@ std::string printable(const std::string& text) {
   return result;
 }
 
-// fmt knows which letters take two columns, and fills a text to a width. No text has fewer bytes than
-// columns.
-std::size_t width_of(const std::string& whole) {
-  const auto text = without_marks(whole);
-  return 2 * text.size() - fmt::formatted_size("{:<{}}", text, text.size());
+// By Unicode's data in the C library, in whatever language the user works: wide letters take two columns,
+// combining marks and joiners none.
+std::size_t width_of(const std::string& text) {
+  static const auto utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", nullptr);
+  const auto before = uselocale(utf8);
+  std::size_t width = 0;
+  for (std::size_t i = 0; i < text.size();) {
+    const auto [c, length] = first_of(std::string_view(text).substr(i));
+    const auto columns = length > 1 ? wcwidth(static_cast<wchar_t>(c)) : 1;
+    width += columns < 0 ? 1 : static_cast<std::size_t>(columns);
+    i += std::max<std::size_t>(length, 1);
+  }
+  uselocale(before);
+  return width;
 }
 
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
