@@ -74,13 +74,14 @@ void erase_line() {
   if (std::exchange(line_is_open, false)) say("\r\033[K");
 }
 
-constexpr const char* quote = "  | ";  // before text from elsewhere: a command to paste stands without it
+constexpr std::string_view quote =
+    "  | ";  // before text from elsewhere: a command to paste stands without it
 
 // On a terminal broken between words. A command at the end stays whole on a line of its own, to be copied.
 std::string fitted(const std::string& line) {
   const auto width = columns();
   if (isatty(STDERR_FILENO) == 0 || table::width_of(line) <= width) return line + "\n";
-  if (line.starts_with(quote)) return table::wrapped(line.substr(4), width, quote);
+  if (line.starts_with(quote)) return table::wrapped(line.substr(quote.size()), width, std::string(quote));
   std::size_t advice = 0;  // 0: none, and ": ontime" begins a sentence. Text from elsewhere comes before it.
   for (const auto* word : {"Fix", "See: ", "Next: "}) advice = std::max(advice, line.rfind(word) + 1);
   for (auto end = advice == 0 ? line.npos : line.find(": ", advice); end != line.npos;
@@ -93,11 +94,11 @@ std::string fitted(const std::string& line) {
 }
 
 // Text from elsewhere (a type name from the network, another machine's words) must not control the terminal.
-std::string lines_of(const std::string& text, const char* before_further) {
+std::string lines_of(const std::string& text, std::string_view before_further) {
   std::istringstream lines("ontime: " + text);
   std::string result;
   for (std::string line; std::getline(lines, line);)
-    result += fitted((result.empty() ? "" : before_further) + table::printable(line));
+    result += fitted(std::string(result.empty() ? "" : before_further) + table::printable(line));
   return result;
 }
 
