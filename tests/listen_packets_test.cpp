@@ -19,6 +19,10 @@ namespace ontime::listen {
 namespace {
 
 TEST(RtpsDatagram, DatagramOfAnyLengthIsReadWithinItsBounds) {
+  int seen = 0;
+  rtps::Visitor visitor;
+  visitor.data = [&](const rtps::Data&) { ++seen; };
+  visitor.heartbeat = [&](const rtps::Heartbeat&) { ++seen; };
   const auto whole = Rtps()
                          .stamp(1, 2)
                          .data(7, Bytes(8))
@@ -29,8 +33,13 @@ TEST(RtpsDatagram, DatagramOfAnyLengthIsReadWithinItsBounds) {
                          .bytes;
   for (std::size_t size = 0; size <= whole.size(); ++size) {
     const std::vector<std::byte> part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
-    for (const bool is_cut : {false, true}) rtps::visit(part, {}, is_cut);
+    for (const bool is_cut : {false, true}) {
+      seen = 0;
+      rtps::visit(part, visitor, is_cut);
+      EXPECT_TRUE(size >= 20 || seen == 0) << "no RTPS: " << size;
+    }
   }
+  EXPECT_EQ(seen, 4) << "the message, its fragment, the announcement and the heartbeat";
 }
 
 TEST(RtpsDatagram, InfoSourceNamesAnotherParticipant) {

@@ -116,6 +116,7 @@ runs:
         # nft cuts one end after the other, and is noted once it has ended: on a busy machine each takes its time.
         self.assertLess(first, gone + 0.1)
         self.assertLess(last, back)
+        self.assertLessEqual(cut["lost"], sum(host["link"]["faults"]["cut_off_frames"] for host in cut["hosts"].values()), "none at another time")
 
     def test_fault_that_the_kernel_has_not_is_refused_before_anything_is_run(self):
         scenario = self.scenario("3 s", text=self.FAULTS, transports=["udp"])

@@ -253,7 +253,7 @@ class Listen(Robot):
         self.assertEqual(code, 1)
         # Its four sleeps of 30 ms. A machine without preemption may keep a real-time thread from its CPU, too, which has other causes.
         why = [miss["why"] for miss in seen["misses"] if miss["why"] and 30e6 <= miss["value_ns"] < 35e6]
-        self.assertGreaterEqual(len(why), 2)
+        self.assertGreaterEqual(len(why), 3)
         for one in why:
             self.assertIsNone(one["culprit"], one)
             self.assertNotIn(one["cause"], ("cpu", "interrupts", "throttled"), one)
