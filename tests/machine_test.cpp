@@ -445,5 +445,11 @@ TEST(Ip, IsNotWaitedForWithoutEnd) {
               StartsWith("sleep 60 was killed"));
 }
 
+TEST(Answer, IsNotAwaitedOnceItIsInterrupted) {
+  int asked = 0;
+  const auto interrupted = [&] { return ++asked > 1; };
+  EXPECT_EQ(answer_of({"sleep", "infinity"}, std::chrono::hours(24), interrupted), std::nullopt);
+}
+
 }  // namespace
 }  // namespace ontime::machine

@@ -116,8 +116,13 @@ TEST(Ssh, LinkOfSshIsNotedOnlyIfItMayBeTheOneUnderTest) {
 }
 
 TEST(Deploy, NamesPackagesOfLibrariesAndRunsNoForeignText) {
-  EXPECT_THAT(packages_of({"libc.so.6", "libc.so.6"}), ElementsAre("libc6"));
-  EXPECT_THAT(packages_of({"'; touch /tmp/x; '", "libnone.so.99"}), testing::IsEmpty());
+  const auto never = [] { return false; };
+  EXPECT_THAT(packages_of({"libc.so.6", "libc.so.6"}, never), ElementsAre("libc6"));
+  EXPECT_THAT(packages_of({"'; touch /tmp/x; '", "libnone.so.99"}, never), testing::IsEmpty());
+}
+
+TEST(Deploy, AsksForNoPackageOnceItIsInterrupted) {
+  EXPECT_THAT(packages_of({"libc.so.6"}, [] { return true; }), testing::IsEmpty());
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <iterator>
 #include <optional>
 #include <sstream>
@@ -143,7 +144,7 @@ std::vector<Part> files(const Installation& from, const std::set<std::string>& t
   return all;
 }
 
-std::string reason_of_bringing(int code, const std::string& said) {
+std::string reason_of_bringing(int code, const std::string& said, const std::function<bool()>& interrupted) {
   if (code == not_executable)
     return "no folder there can hold programs: the temporary folder, /var/tmp, the runtime folder and the "
            "home are mounted with noexec. Fix: set TMPDIR there to a folder on another mount";
@@ -156,7 +157,7 @@ std::string reason_of_bringing(int code, const std::string& said) {
   if (code != libraries_missing) return "";
   std::istringstream words(said);
   const std::vector<std::string> libraries(std::istream_iterator<std::string>(words), {});
-  const auto packages = packages_of(libraries);
+  const auto packages = packages_of(libraries, interrupted);
   return fmt::format(
       "libraries are missing there: {}{}", fmt::join(libraries, ", "),
       packages.empty() ? "" : fmt::format(". Fix there: sudo apt install {}", fmt::join(packages, " ")));
@@ -164,7 +165,8 @@ std::string reason_of_bringing(int code, const std::string& said) {
 
 }  // namespace
 
-std::vector<std::string> packages_of(const std::vector<std::string>& libraries) {
+std::vector<std::string> packages_of(const std::vector<std::string>& libraries,
+                                     const std::function<bool()>& interrupted) {
   // dpkg reads the list of files of each package: on a busy machine, that takes long.
   constexpr std::chrono::seconds limit{60};
   std::set<std::string> packages;
@@ -175,7 +177,8 @@ std::vector<std::string> packages_of(const std::vector<std::string>& libraries) 
   };
   for (const auto& library : libraries) {
     if (std::any_of(library.begin(), library.end(), odd)) continue;
-    if (const auto answer = machine::answer_of({"dpkg-query", "-S", "*/" + library}, limit))
+    if (interrupted()) break;
+    if (const auto answer = machine::answer_of({"dpkg-query", "-S", "*/" + library}, limit, interrupted))
       packages.insert(answer->substr(0, answer->find(':')));  // "libfmt9:amd64: /usr/lib/…"
   }
   return {packages.begin(), packages.end()};
@@ -183,7 +186,8 @@ std::vector<std::string> packages_of(const std::vector<std::string>& libraries) 
 
 std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
                                                                 const std::vector<std::string>& reach,
-                                                                const std::set<std::string>& transports) {
+                                                                const std::set<std::string>& transports,
+                                                                std::function<bool()> interrupted) {
   auto words = reach;
   const auto from = installation_for(ssh, reach);
   words.insert(words.end(), {"sh", "-c", script, "ontime", from.machine});
@@ -192,8 +196,9 @@ std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
     between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());
   }
-  between.reason = [of_ssh = std::move(between.reason)](int code, const std::string& said) {
-    const auto reason = reason_of_bringing(code, said);
+  between.reason = [of_ssh = std::move(between.reason), interrupted = std::move(interrupted)](
+                       int code, const std::string& said) {
+    const auto reason = reason_of_bringing(code, said, interrupted);
     return reason.empty() ? of_ssh(code, said) : reason;
   };
   return {ssh.first(words), std::move(between)};

@@ -2,6 +2,7 @@
 // Copies this program to a machine without ontime, for as long as a keeper runs there.
 #pragma once
 
+#include <functional>
 #include <set>
 #include <string>
 #include <utility>
@@ -18,10 +19,12 @@ namespace ontime::campaign {
 // to do. Throws Error.
 std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh&,
                                                                 const std::vector<std::string>& reach,
-                                                                const std::set<std::string>& transports);
+                                                                const std::set<std::string>& transports,
+                                                                std::function<bool()> interrupted);
 
 // "libddsc.so.0debian" → "libddsc0debian": the packages that have these libraries here, where dpkg knows;
-// sorted, each once.
-std::vector<std::string> packages_of(const std::vector<std::string>& libraries);
+// sorted, each once. Once it is interrupted, those found so far.
+std::vector<std::string> packages_of(const std::vector<std::string>& libraries,
+                                     const std::function<bool()>& interrupted);
 
 }  // namespace ontime::campaign

@@ -195,7 +195,8 @@ void Machines::start_keeper(Machine& machine) {
     command = machine.ssh->first(command);
     between = machine.ssh->between(program_of(where));
     if (hosts_.deploy)
-      std::tie(command, between) = deployment(*machine.ssh, where.host_prefix, *hosts_.deploy);
+      std::tie(command, between) = deployment(*machine.ssh, where.host_prefix, *hosts_.deploy,
+                                              [this] { return coordinator_.interrupted(0); });
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
 }

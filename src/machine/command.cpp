@@ -2,6 +2,7 @@
 #include "machine/command.hpp"
 
 #include <cerrno>
+#include <functional>
 #include <system_error>
 #include <thread>
 
@@ -22,12 +23,14 @@ process::Started start(const std::vector<std::string>& command, const process::M
   return process::start(command, {nothing.get(), output.fd(), output.fd()});
 }
 
-// Of the end of a child; nothing if the limit passed first: then it was killed.
-std::optional<int> status_within(pid_t pid, std::chrono::nanoseconds limit) {
+// Of the end of a child; nothing if the limit passed first, or it is interrupted: then it was killed.
+std::optional<int> status_within(
+    pid_t pid, std::chrono::nanoseconds limit,
+    const std::function<bool()>& interrupted = [] { return false; }) {
   const auto end = std::chrono::steady_clock::now() + limit;
   bool in_time = true;
   while (!process::has_ended(pid)) {
-    in_time = std::chrono::steady_clock::now() <= end;
+    in_time = std::chrono::steady_clock::now() <= end && !interrupted();
     if (!in_time) kill(-pid, SIGKILL);
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   }
@@ -52,12 +55,12 @@ std::string iproute2(const std::vector<std::string>& command, std::chrono::nanos
   return output.text();
 }
 
-std::optional<std::string> answer_of(const std::vector<std::string>& command,
-                                     std::chrono::nanoseconds limit) {
+std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit,
+                                     const std::function<bool()>& interrupted) {
   const process::Memory output;
   const auto started = start(command, output);
   if (started.error != 0) return {};
-  if (status_within(started.pid, limit) != 0) return {};
+  if (status_within(started.pid, limit, interrupted) != 0) return {};
   return output.text();
 }
 

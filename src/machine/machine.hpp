@@ -154,8 +154,10 @@ nlohmann::json between(const Drops& first, const Drops& last);
 std::vector<std::string> shared_memory();
 
 // The output of another program; nullopt if it is not installed, fails, or exceeds the limit (then it is
-// killed).
-std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit);
+// killed; also once `interrupted` returns true: it does not see a terminal's Ctrl-C).
+std::optional<std::string> answer_of(
+    const std::vector<std::string>& command, std::chrono::nanoseconds limit,
+    const std::function<bool()>& interrupted = [] { return false; });
 
 // "Machines" made of one: network namespaces `ontime-controller` and, of each component, `ontime-NAME`, each
 // with an address of 198.18.0.0/24 (RFC 2544's range for benchmarks). One component is joined to the
