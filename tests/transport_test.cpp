@@ -110,6 +110,24 @@ TEST(Load, FolderThatCannotBeReadIsNamedAndHidesNoTransport) {
   disk_fails = false;
 }
 
+TEST(Load, FifoIsNotWaitedForWithoutEnd) {
+  const auto folder = std::filesystem::path(testing::TempDir()) / "ontime-fifos";
+  const auto index = folder / "share/ament_index/resource_index/ontime_transport";
+  std::filesystem::create_directories(index);
+  mkfifo((folder / "ontime_transport_fifo.so").c_str(), 0600);
+  mkfifo((index / "packaged").c_str(), 0600);
+  // NOLINTBEGIN(concurrency-mt-unsafe): one thread
+  const std::string before = std::getenv("ONTIME_TRANSPORT_PATH");
+  setenv("ONTIME_TRANSPORT_PATH", (before + ":" + folder.string()).c_str(), 1);
+  setenv("AMENT_PREFIX_PATH", folder.c_str(), 1);
+  EXPECT_FALSE(declared("fifo"));
+  EXPECT_FALSE(declared("packaged"));
+  unsetenv("AMENT_PREFIX_PATH");
+  setenv("ONTIME_TRANSPORT_PATH", before.c_str(), 1);
+  // NOLINTEND(concurrency-mt-unsafe)
+  std::filesystem::remove_all(folder);
+}
+
 // The object would be loaded, and its code would run.
 TEST(Load, LooksForNoFileThatANameLeadsTo) {
   const auto there = std::filesystem::path(testing::TempDir()) / "ontime_transport_stranger.so";
