@@ -3,9 +3,9 @@
 
 #include <algorithm>
 #include <deque>
+#include <exception>
 #include <filesystem>
 #include <iterator>
-#include <map>
 #include <numeric>
 #include <set>
 #include <tuple>
@@ -66,24 +66,6 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
   throw campaign::Error(2, fmt::format("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep));
 }
-
-// A message can miss both limits, and several can arrive at the same time.
-class LateMessages {
- public:
-  void add(const listen::Miss& miss) {
-    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
-    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
-  }
-  std::size_t count() const {
-    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
-      return sum + std::max(one.second.first, one.second.second);
-    });
-  }
-
- private:
-  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
-  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
-};
 
 class Listening {
  public:
@@ -173,6 +155,7 @@ class Listening {
     // Without --for, live listening ends by Ctrl-C.
     const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording());
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
+    if (output_failed_) std::rethrow_exception(output_failed_);
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
@@ -269,7 +252,7 @@ class Listening {
     if (explainer != nullptr) explainer->explain(misses);
     if (results != nullptr) note(misses, explainer != nullptr, *results);
     counters_.add(misses);
-    if (!as_json_) return print(misses);
+    if (!as_json_) return print_unless_failed(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
   }
@@ -282,6 +265,17 @@ class Listening {
         results.note(miss);
         ++noted;
       }
+  }
+
+  // The results are recorded to their end, also where standard output cannot be written any more (`| head`).
+  void print_unless_failed(const std::vector<listen::Miss>& misses) {
+    if (output_failed_) return;
+    try {
+      print(misses);
+    } catch (...) {
+      if (arguments_.results.empty()) throw;
+      output_failed_ = std::current_exception();
+    }
   }
 
   // Only the first of each cause, so that the output stays readable.
@@ -424,6 +418,7 @@ class Listening {
   std::vector<listen::Miss> waiting_;              // for the events after them
   const bool as_json_;
   Output output_;
+  std::exception_ptr output_failed_;
   const std::size_t width_;  // of its lines
   ListenCost cost_;
   watch::TopicCounters counters_;

@@ -89,7 +89,8 @@ class Capture final : public Sensor {
     capture.note_time(at_ns);
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
-    if (!datagram) return;
+    // If it was captured whole and is shorter than it states, no receiver takes it.
+    if (!datagram || (datagram->is_cut && header->caplen == header->len)) return;
     if (capture.is_in_doubt_) capture.wire_.interrupt();
     capture.wire_.add(at_ns, *datagram);
   }

@@ -8,6 +8,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import socket
 import struct
 import subprocess
@@ -65,20 +66,22 @@ class Input(unittest.TestCase):
         # Of a topic's reader the domain is checked first, with whatever transport is installed.
         self.assertIn("ROS_DOMAIN_ID", read(ONTIME, 2, ROS_DOMAIN_ID="233"))
 
-    def packet(self, number, tags=b""):
-        """From a writer without a name."""
+    def packet(self, number, tags=b"", udp_beyond=0, ip_beyond=0):
+        """From a writer without a name. Its headers may state more bytes than it has."""
         data = struct.pack("<HHIIII", 0, 16, 0, 0x03120000, 0, number) + bytes(8)
         rtps = b"RTPS\2\1\1\x10" + bytes(range(1, 13)) + struct.pack("<BBH", 0x15, 5, len(data)) + data
-        udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps), 0) + rtps
-        ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
+        udp = struct.pack(">HHHH", 40000, 7401, 8 + len(rtps) + udp_beyond, 0) + rtps
+        ip = struct.pack(">BBHHHBBHII", 0x45, 0, 20 + len(udp) + ip_beyond, 0, 0, 64, 17, 0, 0x0a000001, 0x0a000002) + udp
         return bytes(12) + tags + b"\x08\0" + ip
 
     def capture(self, messages, kept=65535):
+        return self.capture_of([self.packet(number) for number in range(1, messages + 1)], kept)
+
+    def capture_of(self, packets, kept=65535):
         """One each second; of each packet so many bytes are kept."""
-        packets = ((number, self.packet(number)) for number in range(1, messages + 1))
         path = self.folder / "robot.pcap"
         path.write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + b"".join(
-            struct.pack("<IIII", 1000 + number, 0, len(packet[:kept]), len(packet)) + packet[:kept] for number, packet in packets))
+            struct.pack("<IIII", 1000 + number, 0, len(packet[:kept]), len(packet)) + packet[:kept] for number, packet in enumerate(packets)))
         return path
 
     @unittest.skipUnless(os.geteuid() == 0, "interfaces need root")
@@ -157,6 +160,27 @@ class Input(unittest.TestCase):
         self.assertEqual(done.returncode, 1, done.stdout)
         self.assertIn("open: no period of (unknown topic)", done.stderr)
         self.assertIn("100 datagrams were captured only in part", done.stderr)
+
+    def test_datagram_that_is_shorter_than_it_states_hides_no_loss(self):
+        for beyond in {"udp_beyond": 500}, {"ip_beyond": 500, "udp_beyond": 500}:
+            packets = [self.packet(1), self.packet(2), self.packet(3, **beyond), self.packet(5), self.packet(6)]
+            done = subprocess.run([ONTIME, "listen", "--pcap", self.capture_of(packets), "--format", "json"], capture_output=True,
+                                  text=True, timeout=60)
+            flow, = json.loads(done.stdout)["flows"]
+            self.assertEqual((flow["messages"], flow["lost"]), (4, 2), beyond)
+
+    def test_output_that_cannot_be_written_loses_no_results(self):
+        gone, pipe = os.pipe()
+        os.close(gone)
+        with open(pipe, "wb") as pipe, open("/dev/full", "wb") as full:
+            for out, code in (pipe, -signal.SIGPIPE), (full, 3):
+                results = self.folder / f"{code}.ontime"
+                done = subprocess.run([ONTIME, "listen", "--pcap", self.capture(3000), "--deadline", "500 ms", "--results", results],
+                                      stdout=out, stderr=subprocess.PIPE, text=True, timeout=60)
+                self.assertEqual(done.returncode, code, done.stderr)
+                report = subprocess.run([ONTIME, "report", results, "--format", "json"], capture_output=True, text=True, timeout=60)
+                run, = json.loads(report.stdout)["runs"]
+                self.assertEqual((run["sent"], run["late"]), (2999, 2999))
 
     def test_empty_capture_has_no_messages(self):
         (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
