@@ -10,6 +10,7 @@ namespace {
 
 using plot::gnuplot_of, plot::Plot;
 using ::testing::AllOf;
+using ::testing::ContainsRegex;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -159,6 +160,15 @@ TEST(Searches, AreNotMixedWithLaterOnesOfTheSameFile) {
   ASSERT_EQ(searches.size(), 2U);
   EXPECT_EQ(searches[0].at("ended").at("value"), "200 Hz");
   EXPECT_TRUE(searches[1].at("ended").is_null());
+}
+
+TEST(Searches, OfOneFileAreToldApartInTheTableToo) {
+  const auto text =
+      render({step(0, "100 Hz", 0), step(1, "200 Hz", 0), step(3, "800 Hz", 7), step(2, "400 Hz", 3),
+              step(0, "100 Hz", 0), step(1, "200 Hz", 0), step(3, "800 Hz", 0)},
+             Format::markdown);
+  EXPECT_THAT(text, ContainsRegex("200 Hz \\| 2,000 \\| .* \\| 400 Hz \\| 3 late of 2,000 messages"));
+  EXPECT_THAT(text, ContainsRegex("800 Hz \\| 2,000 \\| .* \\| none \\| -"));
 }
 
 TEST(Searches, EndAtAFailedRunOrALoadShortfall) {

@@ -156,7 +156,7 @@ std::vector<Table> tables_of(const Group& interleaved, const Summaries& summarie
       {certainty_table(labels, group), "95 % confidence intervals"},
       {worst_case_table(labels, group), "worst case"},
       {stages_table(labels, group), "stage by stage"},
-      {searches_table(group), "search"}};
+      {searches_table(interleaved), "search"}};
   for (const auto& [other, what] : others) {
     if (other.rows.empty()) continue;
     tables.push_back(other);
