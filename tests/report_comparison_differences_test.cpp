@@ -85,6 +85,21 @@ TEST(Compare, DifferencesOfKeysAreInTheirWords) {
   EXPECT_EQ(found.at(0), (json{{"what", "payload_bytes"}, {"from", "500"}, {"to", "1024"}}));
 }
 
+TEST(Compare, DifferencesThatWouldReadTheSameStayAsTheyAre) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  amend(b[0].run.asked, "/period_us", 10000.04);
+  EXPECT_THAT(render(compare(a, b), {}, Format::markdown), HasSubstr("period\\_us: 10000 → 10000.04"));
+}
+
+TEST(Compare, DifferencesOfRatesHaveTheirUnits) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  amend(a[0].run.asked, {{"traffic", {{"bit_s", 1'000}}}, {"neighbours", {{"rate_hz", 50}}}});
+  amend(b[0].run.asked, {{"traffic", {{"bit_s", 80'000'000}}}, {"neighbours", {{"rate_hz", 100}}}});
+  EXPECT_THAT(render(compare(a, b), {}, Format::markdown),
+              AllOf(HasSubstr("background.rate: 50 Hz → 100 Hz"),
+                    HasSubstr("traffic.rate: 0.001 Mbit/s → 80 Mbit/s")));
+}
+
 TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};

@@ -117,7 +117,7 @@ struct Field {
   std::string phrase{};
   // In words, of a run that does not state it: "10 ms"; "": nothing is worth telling.
   std::string by_default{};
-  enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
+  enum class Unit { none, us, s, bytes, share, bit_s, hz } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
   // What that text states, as in a record: the same of "10 ms" and "0.01 s". Throws as `set`. Each field with

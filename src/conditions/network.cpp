@@ -56,16 +56,21 @@ Codec<Direction> direction() {
   return words<Direction>({Direction::both, Direction::to_component, Direction::to_controller}, word_of);
 }
 
+Codec<std::uint64_t> bit_rate() {
+  auto codec = number<std::uint64_t>(bit_rate_of);
+  codec.unit = Field::Unit::bit_s;
+  return codec;
+}
+
 Fields traffic_fields() {
-  return {
-      field({"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way"},
-            "traffic.bit_s", number<std::uint64_t>(bit_rate_of), within(&Run::traffic, &Traffic::bits_per_s)),
-      field({"traffic.direction", "", "", "direction of the traffic"}, "traffic.direction", direction(),
-            within(&Run::traffic, &Traffic::direction)),
-      field({"traffic.datagram", "", "", "payload of each datagram of the traffic"}, "traffic.datagram_bytes",
-            size(datagram_of), within(&Run::traffic, &Traffic::datagram_bytes)),
-      field({"traffic.priority", "", "", "SCHED_FIFO priority of iperf3"}, "traffic.priority",
-            number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
+  return {field({"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way"},
+                "traffic.bit_s", bit_rate(), within(&Run::traffic, &Traffic::bits_per_s)),
+          field({"traffic.direction", "", "", "direction of the traffic"}, "traffic.direction", direction(),
+                within(&Run::traffic, &Traffic::direction)),
+          field({"traffic.datagram", "", "", "payload of each datagram of the traffic"},
+                "traffic.datagram_bytes", size(datagram_of), within(&Run::traffic, &Traffic::datagram_bytes)),
+          field({"traffic.priority", "", "", "SCHED_FIFO priority of iperf3"}, "traffic.priority",
+                number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
 }
 
 // netem takes whole microseconds.
@@ -193,14 +198,16 @@ Fields link_fields() {
 // The record stores a rate in Hz instead of a period.
 Codec<nanoseconds> rate() {
   const auto hz = [](nanoseconds period) { return 1e9 / static_cast<double>(period.count()); };
-  return {period_of_rate, [=](nanoseconds period) { return fmt::format("{:g} Hz", hz(period)); },
+  return {period_of_rate,
+          [=](nanoseconds period) { return fmt::format("{:g} Hz", hz(period)); },
           [=](nanoseconds period) { return json(hz(period)); },
           [](Json from) {
             const auto ns = 1e9 / finite(from);
             if (!(ns >= 1) || ns > 9e18) throw std::invalid_argument(from.dump() + " is not a rate");
             return nanoseconds(std::llround(ns));
           },
-          "RATE"};
+          "RATE",
+          Field::Unit::hz};
 }
 
 template <typename Value>

@@ -156,6 +156,8 @@ std::string words_of(const conditions::Field& field, const json& value) {
          : field.unit == Unit::us                         ? time(1e3)
          : field.unit == Unit::s                          ? time(1e9)
          : field.unit == Unit::share                      ? conditions::text_of_share(number)
+         : field.unit == Unit::bit_s                      ? megabits(number) + " Mbit/s"
+         : field.unit == Unit::hz                         ? fmt::format("{:g} Hz", number)
          : value.is_number_integer() && number >= 0       ? size(value.get<std::uint64_t>())
                                                           : nothing;
 }

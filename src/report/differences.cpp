@@ -92,8 +92,11 @@ std::string text_of(const std::string& name, const Values& before, const Values&
   const auto& keys = conditions::keys();
   const auto found = std::ranges::find(keys, replace_all(name, " ", "."), &conditions::Key::json);
   const auto* const key = found == keys.end() ? nullptr : &*found;
-  return fmt::format("{}: {} → {}", key == nullptr ? name : key->path, one_of(before, name, key),
-                     one_of(after, name, key));
+  const auto from = one_of(before, name, key), to = one_of(after, name, key);
+  // Rounded to the digits of a key they may read the same.
+  if (key == nullptr || from == to)
+    return fmt::format("{}: {} → {}", name, one_of(before, name), one_of(after, name));
+  return fmt::format("{}: {} → {}", key->path, from, to);
 }
 
 }  // namespace
