@@ -145,6 +145,14 @@ TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
   EXPECT_THAT(answer_of(runs, kept).sentence, EndsWith("1 of 3 rows was not measured as requested."));
 }
 
+TEST(Answer, RepetitionsOfAnUnfitRowThatAreAsRequestedCount) {
+  std::vector runs{run(1, "a", "udp", {}, 0, 1), run(2, "a", "udp", {}, 0, 2)};
+  amend(runs[1].run.outcome, "/interrupted", true);
+  EXPECT_THAT(answer_of(runs, kept).sentence, EndsWith(" 1 of 2 runs was not measured as requested."));
+  amend(runs[0].run.outcome, "/interrupted", true);
+  EXPECT_THAT(answer_of(runs, kept).sentence, EndsWith(" No run was measured as requested."));
+}
+
 TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
   auto one = run(1, "a", "udp", {false, true});
   amend(one.run.outcome, "/hosts/controller/refusals",

@@ -221,6 +221,20 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
                      contrast->range());
 }
 
+// Where no row is as requested: one of its repetitions may be.
+std::string unfit_words(const std::vector<Entry>& entries) {
+  std::size_t runs = 0, unfit = 0;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs) {
+      const auto state = state_of(*run);
+      runs += state > State::no_limit ? 1 : 0;
+      unfit += state > State::late ? 1 : 0;
+    }
+  if (unfit == runs) return " No run was measured as requested.";
+  return fmt::format(" {} of {} runs {} not measured as requested.", unfit, runs,
+                     unfit == 1 ? "was" : "were");
+}
+
 std::string requirements(const std::vector<Entry>& entries) {
   std::size_t runs = 0, missed = 0, open = 0;
   for (const auto& entry : entries)
@@ -384,7 +398,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     if (late_listened > 0)
       answer.sentence += fmt::format(" {} of listened messages {} late or lost ones.",
                                      many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
-    if (!held) answer.sentence += " No run was measured as requested.";
+    if (!held) answer.sentence += unfit_words(entries);
     if (left_out > 0)
       answer.sentence += fmt::format(" {} of {} {} not measured as requested{}.", left_out,
                                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",
