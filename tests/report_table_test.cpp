@@ -237,6 +237,18 @@ TEST(TableFormat, MissedSharesCountWhatTheVerdictCounts) {
   EXPECT_THAT(spread.substr(spread.find("95 %")), HasSubstr("| \\[4, 6\\] |"));
 }
 
+TEST(TableFormat, ALateMessageThatHeldUpCyclesIsNoLoneMiss) {
+  auto one = summary(asked("x", "udp"), outcome());
+  one.late = 1;
+  one.late_by_response = 1;
+  one.missed_probability.events = 1;
+  one.missed_probability.messages = 2000;
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("never two late or lost in a row"));
+  one.late_by_response = 50;
+  one.late_by_response_probability = one.missed_probability;
+  EXPECT_THAT(render({one}, Format::markdown), Not(HasSubstr("in a row")));
+}
+
 TEST(Paper, AllItsRowsAreThere) {
   ASSERT_EQ(paper().size(), 45U);
   const auto& odd = paper().at(36);  // its title has a comma

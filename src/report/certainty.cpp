@@ -58,7 +58,8 @@ std::string note_of(const Summary& summary) {
   if (missed.messages == 0) return "";
   if (missed.events > 0) {
     const auto& bursts = summary.bursts;
-    if (bursts.count == 0) return "never two late or lost in a row";
+    if (bursts.count == 0)  // a late message may have held up the cycles after it
+      return differs_by_response(summary) ? "" : "never two late or lost in a row";
     return fmt::format("{} of consecutive late or lost messages; longest: {} messages, due within {}",
                        many(bursts.count, "burst", "bursts"), grouped(bursts.longest),
                        time(static_cast<double>(bursts.longest_ns)));
