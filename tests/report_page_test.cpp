@@ -383,6 +383,16 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
   EXPECT_EQ(verdict_of({}).word, Verdict::Word::nothing);
 }
 
+TEST(Verdict, TellsCyclesWithoutAMessageFromLateOnesByResponseTime) {
+  auto late = judged(100, 1, 0);
+  amend(late.run.outcome, "/late_by_response_only", 2);
+  late.late_by_response = 3;
+  EXPECT_THAT(verdict_of({late}).sentence,
+              ::testing::AllOf(HasSubstr("3 cycles had no answer"), Not(HasSubstr("without a message"))));
+  late.late_by_response = 4;
+  EXPECT_THAT(verdict_of({late}).sentence, HasSubstr("including cycles without a message"));
+}
+
 TEST(Verdict, never_says_yes_where_samples_are_missing) {
   auto run = judged(5000, 0, 0);
   amend(run.run.outcome, {{"dropped_records", 1500}, {"sent", 6500}, {"late", 0}, {"lost", 0}});

@@ -12,7 +12,7 @@ namespace ontime::report {
 
 Verdict verdict_of(const Summaries& summaries) {
   if (summaries.empty()) return {Verdict::Word::nothing, "Nothing was measured.", ""};
-  std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
+  std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0, late_by_response_only = 0;
   std::size_t measured = 0, fine = 0, unfinished = 0;
   std::size_t with_limit = 0, without_limit = 0;  // runs; only of a robot's own messages there may be none
   std::size_t with_missed = 0, with_open = 0;     // runs with such a requirement
@@ -30,6 +30,7 @@ Verdict verdict_of(const Summaries& summaries) {
       late += fates.late;
       lost += fates.lost;
       late_cycles += summary.late_by_response.value_or(0);
+      late_by_response_only += summary.run.outcome.late_by_response_only;
       measured += fates.sent > 0 ? 1 : 0;
       fine += fates.sent > 0 && fates.not_in_time == 0 ? 1 : 0;
       if (summary.round_trip.count > 0 &&
@@ -74,9 +75,11 @@ Verdict verdict_of(const Summaries& summaries) {
     if (parts.empty())
       parts.push_back(fmt::format("every message sent came back in time, but {} had no answer within the {}",
                                   many(late_cycles, "cycle", "cycles"), deadline));
-    else if (late_cycles > late + lost)  // a sender that stood still
-      parts.push_back(fmt::format("{} had no answer in time, including cycles without a message",
-                                  many(late_cycles, "cycle", "cycles")));
+    else if (late_cycles > late + lost)
+      parts.push_back(fmt::format("{} had no answer in time, {}", many(late_cycles, "cycle", "cycles"),
+                                  late_cycles > late + lost + late_by_response_only  // the sender stood still
+                                      ? "including cycles without a message"
+                                      : "counted from when each was due"));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
