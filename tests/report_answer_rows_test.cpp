@@ -245,6 +245,14 @@ TEST(Answer, LongTopicKeepsItsQuantity) {
   EXPECT_EQ(id_of(asked), "/scan period");
 }
 
+TEST(Answer, IdsThatAreCutStayApart) {
+  const std::string common = "cell-7-in-hall-2-left-arm-controller-";
+  const std::vector runs{run(1, common + "shoulder", "udp", {}), run(2, common + "elbow", "udp", {}, 1)};
+  const auto text = text_of(answer_of(runs, kept), 80);
+  EXPECT_THAT(text, testing::ContainsRegex("-shou[^\n]* udp [^\n]* ok\n"));
+  EXPECT_THAT(text, testing::ContainsRegex("-elbo[^\n]* udp [^\n]* LATE\n"));
+}
+
 TEST(Answer, NamesThatAreCutStayApart) {
   std::vector runs{run(1, "a", "udp", {}), run(2, "a", "udp", {}), run(3, "a", "udp", {})};
   for (std::size_t i = 1; i < 3; ++i) {

@@ -111,7 +111,7 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
   shorten_names(table.rows, name, name_width);
   if (const auto id_width = std::max(width / 4, left_by(width_of_column(name)));
       id_width + width_of_column(name) + numbers <= width)
-    for (auto& row : table.rows) row[id] = shortened(row[id], id_width);
+    shorten_names(table.rows, id, id_width);
   return table;
 }
 
