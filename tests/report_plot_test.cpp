@@ -42,6 +42,23 @@ TEST(Gnuplot, draws_how_long_cycles_waited_that_passed_without_a_message) {
   EXPECT_THAT(commands, HasSubstr("$passed0 << END\n0.015 3000\n"));
 }
 
+TEST(Gnuplot, keeps_long_counts_within_the_figure) {
+  Summaries runs;
+  for (const int repetition : {1, 2, 3}) {
+    auto& run = runs.emplace_back(summary(asked("a", "udp", repetition), outcome()));
+    run.sent = 1'234'567;
+    run.late = run.lost = 123'456;
+    run.skipped_cycles = 123'456;
+    run.late_by_response = 345'678;
+  }
+  for (const auto figure : {Plot::Figure::time, Plot::Figure::conditions}) {
+    const auto commands = gnuplot_of(runs, {figure, Plot::Form::svg, false});
+    EXPECT_THAT(commands, HasSubstr("cycles not in time"));
+    for (const auto& label : found_in(commands, "set label '([^']*)'"))
+      EXPECT_LE(static_cast<double>(width_of(label)) * plot::letter_cm, plot::Sheet::width_cm({})) << label;
+  }
+}
+
 TEST(Gnuplot, draws_no_more_than_can_be_seen_and_no_extreme_is_missing) {
   auto run = summary(asked("a", "udp"), outcome());
   run.shape.slice_ns = 10 * ms;

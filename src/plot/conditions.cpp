@@ -141,12 +141,14 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
   const auto range = range_of(group);
   const Legend legend(entries_of(conditions, group), inner_cm);
 
-  std::vector<std::vector<std::string>> titles;
+  std::vector<std::vector<Line>> titles;
   double rows_cm = 0;
   for (const auto& [name, label, runs] : conditions) {
-    auto& title = titles.emplace_back(wrapped(name, inner_cm));
-    title.push_back(text_of(counts_of(runs)) +
-                    (runs.size() > 1 ? fmt::format(" in {} runs", runs.size()) : ""));
+    auto& title = titles.emplace_back();
+    add_lines(title, name, inner_cm);
+    add_lines(title,
+              text_of(counts_of(runs)) + (runs.size() > 1 ? fmt::format(" in {} runs", runs.size()) : ""),
+              inner_cm, grey_text);
     rows_cm += static_cast<double>(title.size()) * line_cm + strip_cm + gap_cm;
   }
   const Box axes{left_cm, top_cm, width - right_cm, top_cm + rows_cm};
@@ -161,9 +163,10 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
   Lines lines;
   double y = 0;
   for (std::size_t i = 0; i < conditions.size(); ++i) {
-    for (std::size_t line = 0; line < titles[i].size(); ++line, y += line_cm)
-      sheet.text(left_cm, top_cm + y + line_cm / 2, titles[i][line],
-                 line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
+    for (const auto& [text, style] : titles[i]) {
+      sheet.text(left_cm, top_cm + y + line_cm / 2, text, style);
+      y += line_cm;
+    }
     lines.add(conditions[i].runs, y, y + strip_cm, range);
     y += strip_cm + gap_cm;
   }

@@ -81,6 +81,10 @@ std::vector<std::string> wrapped(const std::string& text, double width_cm) {
   return lines;
 }
 
+void add_lines(std::vector<Line>& title, const std::string& text, double width_cm, const char* style) {
+  for (auto& line : wrapped(text, width_cm)) title.push_back({std::move(line), style});
+}
+
 double Sheet::width_cm(const Plot& plot) { return plot.wide ? page_cm : column_cm; }
 
 Sheet::Sheet(const Plot& plot, double height_cm)

@@ -23,6 +23,14 @@ inline constexpr std::size_t colours = 7, dashes = 4;
 // Lines no longer than that, broken at spaces.
 std::vector<std::string> wrapped(const std::string&, double width_cm);
 
+// Of a title.
+struct Line {
+  std::string text, style;
+};
+inline constexpr const char* grey_text = "left textcolor rgb '#555555'";
+void add_lines(std::vector<Line>& title, const std::string& text, double width_cm,
+               const char* style = "left");
+
 struct Box {
   double left, top, right, bottom;
 };

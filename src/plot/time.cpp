@@ -171,11 +171,11 @@ struct Layout {
     const auto names = names_of(group);
     const auto inner_cm = inner_cm_of(group, plot);
     for (std::size_t i = 0; i < group.size(); ++i) {
-      auto& title = titles.emplace_back(wrapped(names[i], inner_cm));
-      if (group[i]->has_worst_only)
-        for (const auto& line : wrapped(worst_only, inner_cm)) title.push_back(line);
-      if (const auto text = beyond_text(*group[i]); !text.empty()) title.push_back(text);
-      title.push_back(text_of(counts_of({group[i]})));
+      auto& title = titles.emplace_back();
+      add_lines(title, names[i], inner_cm);
+      if (group[i]->has_worst_only) add_lines(title, worst_only, inner_cm);
+      if (const auto text = beyond_text(*group[i]); !text.empty()) add_lines(title, text, inner_cm);
+      add_lines(title, text_of(counts_of({group[i]})), inner_cm, grey_text);
       lines[i % rows] = std::max(lines[i % rows], title.size());
     }
     auto others_cm = bottom_cm + legend_cm + 0.2;
@@ -200,7 +200,7 @@ struct Layout {
 
   std::size_t columns, rows;
   double column_cm, axes_cm = 0, height_cm = 0;
-  std::vector<std::vector<std::string>> titles;
+  std::vector<std::vector<Line>> titles;
   std::vector<double> tops;        // of each row
   std::vector<std::size_t> lines;  // of the longest title of each row
 };
@@ -219,8 +219,10 @@ void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char
   const auto axes = layout.axes_of(panel);
   const auto& title = layout.titles[panel];
   auto y = axes.top - (static_cast<double>(title.size()) - 0.5) * line_cm;
-  for (std::size_t i = 0; i < title.size(); ++i, y += line_cm)
-    sheet.text(axes.left, y, title[i], i + 1 == title.size() ? "left textcolor rgb '#555555'" : "left");
+  for (const auto& [text, style] : title) {
+    sheet.text(axes.left, y, text, style);
+    y += line_cm;
+  }
   if (layout.is_lowest(panel))
     sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit), "center");
 }
