@@ -48,6 +48,14 @@ TEST(Json, GivesMicrosecondsToTheNanosecond) {
   EXPECT_EQ(run.at("response_us"), nullptr) << "there are no values";
 }
 
+TEST(Json, CountsSamplesThatTheFileLostLater) {
+  auto one = summary(asked("a", "udp"), outcome());
+  one.run.outcome.counters.dropped_records = 7;
+  const auto run = json::parse(render({one}, Format::json)).at("runs").at(0);
+  EXPECT_EQ(run.at("dropped_records"), 7);
+  EXPECT_THAT(run.at("remarks").get<std::string>(), HasSubstr("samples not recorded (missing above): 7"));
+}
+
 TEST(Json, SaysWhichRunsDidNotEndAsAsked) {
   auto interrupted = outcome();
   interrupted["interrupted"] = true;

@@ -146,6 +146,9 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["skipped_cycles"] = summary.skipped_cycles;
   run.update(some_of(outcome, {"trailing_cycles", "duplicates", "strays", "reordered", "wrong_size",
                                "wrong_server_times", "refused_sends", "dropped_records"}));
+  // Samples that the file lost later are missing, too.
+  if (const auto missing = statistics::unrecorded(summary.run); missing > 0 && !summary.has_worst_only)
+    run["dropped_records"] = missing;
   run["round_trip_us"] = object_of(summary.round_trip);
   run["response_us"] = object_of(summary.response);
   run["wake_up_us"] = wake_up_of(summary);
