@@ -133,6 +133,14 @@ TEST(Compare, NearestNamesNoKeyThatIsTheSame) {
   EXPECT_THAT(text, HasSubstr("period: 10000 → 10000.0001"));
 }
 
+TEST(Compare, NearestNamesNothingThatKeepsNoRunsApart) {
+  std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1), run("x", "k3", 1)};
+  amend(b[0].run.asked, {{"deadline_us", 5000}, {"title", "Another"}, {"require", {"late <= 0"}}});
+  amend(b[1].run.asked, {{"deadline_us", 5000}, {"payload_bytes", 1234}});
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("Different: deadline: 10 ms → 5 ms. To"));
+}
+
 TEST(Compare, NearestNamesNoKeyThatARecordOnlyLeavesOut) {
   std::vector a{run("x", "k1", 1)}, b{run("x", "k2", 1)};
   amend(a[0].run.asked, {{"link", {{"loss", 0}}}, {"deadline_us", 5'000}});

@@ -125,8 +125,11 @@ std::vector<std::string> key_differences(const statistics::Summary& from, const 
     differences.push_back(fmt::format("{}: {} → {}", key, shortened(word(before), longest_difference),
                                       shortened(word(after), longest_difference)));
   };
+  const auto mine = record::conditions_of(from.run.asked.document),
+             theirs = record::conditions_of(to.run.asked.document);
   for (const auto& field : conditions::keys()) {
-    if (field.json.empty()) continue;
+    const auto member = field.json.substr(0, field.json.find('.'));
+    if (record::at(mine, member) == record::at(theirs, member)) continue;  // as of a title
     const auto &before = from.run.asked.stated(field.json), &after = to.run.asked.stated(field.json);
     // A record may lack what has its default.
     const bool may_be_same = !from.imported && !to.imported && (before.is_null() || after.is_null());
