@@ -111,6 +111,8 @@ TEST(JudgeAChange, LimitInPointsIsAnsweredInPoints) {
   EXPECT_THAT(says_of("lost > +0.1 points", losing(0.001, 1e-5, 0.01), losing(0.002, 1e-9, 1)),
               testing::AllOf(HasSubstr("+100 points]"), HasSubstr("too")))
       << "not more than all messages";
+  EXPECT_THAT(says_of("lost > +0.1 points", none, losing(0.99998, 0.99997, 0.99999)),
+              HasSubstr("from 0 % to 99.998 % (+99.998 points)"));
   // Without a ratio an interval in percent would read as one.
   for (const auto* text : {"lost > +0.1 points", "lost > +10%"})
     EXPECT_THAT(says_of(text, none, many), HasSubstr("from 0 % to 20 % (+20 points), 98 % interval [+19."))

@@ -199,6 +199,21 @@ TEST(Words, LargeNumbersHaveNoExponent) {
   EXPECT_EQ(statistics::time_of(1234.5e9, 3), "1234 s");
 }
 
+TEST(Words, PercentIsNeitherAllNorNoneUnlessExact) {
+  const auto percent = [](double share) { return table::percent(share, 4); };
+  EXPECT_EQ(percent(0.1234), "12.34");
+  EXPECT_EQ(percent(0.99994), "99.99");
+  EXPECT_EQ(percent(0.99998), "99.998");
+  EXPECT_EQ(percent(1), "100");
+  double sum = 0;
+  for (int i = 0; i < 7; ++i) sum += 1.0 / 7;
+  ASSERT_LT(sum, 1);
+  EXPECT_EQ(percent(sum), "100");
+  EXPECT_EQ(percent(3.3333e-8), "0.00000333");
+  EXPECT_EQ(percent(1e-30), "1e-28") << "an interval's end, not a count";
+  EXPECT_EQ(percent(0), "0");
+}
+
 TEST(Words, HoursAreNoLongNumberOfSeconds) {
   using namespace std::chrono_literals;
   EXPECT_EQ(duration(600s), "600 s");

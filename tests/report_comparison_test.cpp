@@ -297,6 +297,22 @@ TEST(Compare, ShareWithARatioIsJudgedByItsInterval) {
   EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +50 +50 +\\+0.0 % +-[0-9]+ % … \\+[0-9]+ % +cannot"));
 }
 
+TEST(Compare, NearlyAllIsNotAllAndASmallChangeIsNotNone) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  const auto lost = [](Summary& one, double share) {
+    one.lost_probability.messages = 100'000;
+    one.lost_probability.value = share;
+    one.lost_probability.surer = {share - 1e-6, share + 1e-6};
+  };
+  lost(a[0], 0.99998);
+  lost(b[0], 0.9999);
+  EXPECT_THAT(render(compare(a, b), {}, Format::table),
+              ::testing::ContainsRegex("lost % +99.998 +99.99 +-0.008 % +-0.008 % … -0.008 % +lower\n"));
+  lost(a[0], 0);
+  EXPECT_THAT(render(compare(a, b), {}, Format::table),
+              ::testing::ContainsRegex("lost % +0 +99.99 +\\+99.99 +\\+99.99 … \\+99.99 points +higher\n"));
+}
+
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};

@@ -116,6 +116,8 @@ TEST(Gnuplot, ChangeOfASharesRatioHasItsInterval) {
   const auto shown = [&] { return gnuplot_of(compare_chosen(from, to), {}); };
   EXPECT_THAT(shown(),
               ::testing::ContainsRegex("lost: 10 % → 20 %, × 2 \\[1\\.[67][0-9]*, 2\\.[23][0-9]*\\]'"));
+  lost(to[0], 0.99998, 0.99997, 0.99999);
+  EXPECT_THAT(shown(), HasSubstr("lost: 10 % → 99.998 %,"));
   lost(from[0], 0, 0, 0.01);
   EXPECT_THAT(shown(), HasSubstr("points")) << "without a ratio the difference";
 }

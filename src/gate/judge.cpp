@@ -26,7 +26,7 @@ bool is_share(const Gate& gate) { return statistics::metric_of(gate.figure).is_s
 // In as many digits as tell it from the limit, which has those that its author gave.
 std::string value_of(const Gate& gate, double value) {
   const auto text = [&](double of, int digits) {
-    return is_share(gate) ? fmt::format("{:.{}g} %", of * 100, digits) : time_of(of, digits);
+    return is_share(gate) ? table::percent(of, digits) + " %" : time_of(of, digits);
   };
   int digits = 4;
   if (!gate.is_relative() && value != gate.limit)
@@ -188,7 +188,7 @@ std::string change_words(const Gate& gate, const statistics::Change& change) {
     return fmt::format("({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
   }
   const auto text = [&](double value) {
-    return is_share(gate) ? fmt::format("{:+.3g} points", value * 100 + 0.0)  // not -0
+    return is_share(gate) ? (value < 0 ? "-" : "+") + table::percent(std::abs(value), 3) + " points"
                           : (value < 0 ? "" : "+") + time_of(value);
   };
   return fmt::format("({}), {}", text(change.to - change.from),

@@ -51,6 +51,10 @@ std::string times_text(double from_ns, double to_ns) {
   return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
 }
 
+std::string points(double difference) {
+  return (difference < 0 ? "-" : "+") + table::percent(std::abs(difference), 3);
+}
+
 // Runs of one name are told apart by their files.
 std::vector<std::string> sides_text(const Comparison& comparison, const Comparison::Pair& pair) {
   const bool is_one_name = gate::name_of(pair.from) == gate::name_of(pair.to);
@@ -81,9 +85,12 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
       const auto lies = !is_bounded || report::tells_nothing(figure, *change) ? ""
                         : change->ratio
                             ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
-                            : fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100);
-      panel.notes.push_back(fmt::format("{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure),
-                                        change->from * 100, change->to * 100, lies));
+                            : fmt::format(", difference [{}, {}] points", points(*low), points(*high));
+      for (const auto& line :
+           wrapped(fmt::format("{}: {} % → {} %{}", statistics::name_of(times, figure),
+                               table::percent(change->from, 3), table::percent(change->to, 3), lies),
+                   width_cm))
+        panel.notes.push_back(line);
     }
   return panel;
 }

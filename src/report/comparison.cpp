@@ -54,7 +54,7 @@ const char* word_of(const statistics::Change& change) {
 // --- for people ---
 
 std::string value_of(const Quantity& row, double value) {
-  return row.is_share() ? fmt::format("{:.4g}", value * 100) : microseconds(value);
+  return row.is_share() ? table::percent(value, 4) : microseconds(value);
 }
 
 // "+4,110 %"; of what is beyond reading "over 100 times".
@@ -62,16 +62,17 @@ std::string in_percent(double ratio) {
   if (ratio > 100) return "over 100 times";
   if (ratio >= 11)
     return fmt::format("+{} %", grouped(static_cast<std::uint64_t>(std::llround((ratio - 1) * 100))));
-  const int decimals = ratio > 0 && ratio < 0.005
-                           ? decimals_that_show(ratio * 100)  // something is left of it
-                       : std::abs(ratio - 1) < 0.1 ? 1
-                                                   : 0;
-  return fmt::format("{:+.{}f} %", (ratio - 1) * 100, decimals);
+  const double change = (ratio - 1) * 100, size = std::abs(change);
+  const int decimals = ratio > 0 && ratio < 0.005   ? decimals_that_show(ratio * 100)  // something is left
+                       : size > 1e-4 && size < 0.05 ? decimals_that_show(size)         // something changed
+                       : size < 10                  ? 1
+                                                    : 0;
+  return fmt::format("{:+.{}f} %", change, decimals);
 }
 
 // In points or µs, with its sign.
 std::string difference_of(const Quantity& row, double difference) {
-  return row.is_share() ? fmt::format("{:+.3g}", difference * 100 + 0.0)  // not -0
+  return row.is_share() ? (difference < 0 ? "-" : "+") + table::percent(std::abs(difference), 3)
                         : (difference < 0 ? "" : "+") + microseconds(difference);
 }
 

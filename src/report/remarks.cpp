@@ -38,7 +38,6 @@ using Weight = Remark::Weight;
 using Requirement = Remark::Requirement;
 
 std::string percent_text(double share) { return percent(share) + " %"; }
-std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
 // A damaged file may count more than an integer holds.
 std::string number_text(double number) {
   return grouped(static_cast<std::uint64_t>(std::min(number, 0x1p63)));
@@ -68,7 +67,7 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
       static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(took_ns);
   if (share >= 0.5)
     remarks.push_back({Weight::detail, "sender wake-up latency was {} of the longest answered wait",
-                       std::min(share, 1.0), whole_percent_text});
+                       std::min(share, 1.0), percent_text});
 }
 
 // Clock events during the run.

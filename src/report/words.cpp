@@ -96,22 +96,10 @@ std::string microseconds(double ns) {
   return fmt::format("{:.{}f}", us, std::abs(us) < 99.95 ? 1 : 0);
 }
 
-int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-std::log10(below_one))); }
-
 std::string milliseconds(double ns) {
   const double ms = ns / 1e6;
   if (ms > 0 && ms < 0.0005) return fmt::format("{:.{}f}", ms, decimals_that_show(ms));
   return fmt::format("{:.{}f}", ms, ms < 0.0995 ? 3 : ms < 0.995 ? 2 : ms < 99.5 ? 1 : 0);
-}
-
-std::string percent(double share) {
-  const double of_hundred = share * 100;
-  if (of_hundred >= 99.5 && of_hundred < 100)  // all is more than nearly all
-    return fmt::format("{:.{}f}", of_hundred, decimals_that_show(100 - of_hundred));
-  if (of_hundred >= 10) return fmt::format("{:.0f}", of_hundred);
-  if (of_hundred > 0 && of_hundred < 1e-4)  // without an exponent
-    return fmt::format("{:.{}f}", of_hundred, decimals_that_show(of_hundred));
-  return fmt::format("{:.2g}", of_hundred);
 }
 
 double rounded_up(double number) {

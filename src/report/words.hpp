@@ -27,6 +27,7 @@ using record::at;
 using table::as_csv;
 using table::as_html;
 using table::Column;
+using table::decimals_that_show;
 using table::escaped;
 using table::grouped;
 using table::join;
@@ -61,10 +62,8 @@ std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
 std::string milliseconds(double ns);  // without a unit: "0.123", "4.0", "250"
-// Percent without the sign: "0", "0.05", "99.9"; 0 and 100 only if exact.
-std::string percent(double share);
+inline std::string percent(double share) { return table::percent(share, 2); }
 double rounded_up(double number);                   // to two digits: a bound must stay one
-int decimals_that_show(double below_one);           // enough not to print 0: 2 for 0.05
 std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
 std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"

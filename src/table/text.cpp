@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <clocale>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cwchar>
@@ -140,6 +141,21 @@ std::string shortened(const std::string& text, std::size_t most) {
 std::string megabits(double bit_s) {
   const auto mbit_s = bit_s / 1e6;
   return mbit_s < 9999.5 ? fmt::format("{:.4g}", mbit_s) : fmt::format("{:.0f}", mbit_s);  // no exponent
+}
+
+int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-std::log10(below_one))); }
+
+std::string percent(double share, int digits) {
+  const double of_hundred = share * 100, rest = 100 - of_hundred;
+  const auto with = [&](int decimals) {
+    const auto text = fmt::format("{:.{}f}", of_hundred, decimals);
+    return text.substr(0, text.find_last_not_of('0') + 1);
+  };
+  if (rest < 1e-9) return fmt::format("{:g}", of_hundred);  // of a sum of shares, for rounding
+  if (rest <= std::pow(10, 2 - digits) / 2) return with(decimals_that_show(rest));
+  if (of_hundred > 1e-9 && of_hundred < 1e-4)  // without an exponent
+    return with(decimals_that_show(of_hundred) + digits - 2);
+  return fmt::format("{:.{}g}", of_hundred, digits);
 }
 
 std::string grouped(std::uint64_t number) {
