@@ -151,7 +151,7 @@ std::string percent(double share, int digits) {
     const auto text = fmt::format("{:.{}f}", of_hundred, decimals);
     return text.substr(0, text.find_last_not_of('0') + 1);
   };
-  if (rest < 1e-9) return fmt::format("{:g}", of_hundred);  // of a sum of shares, for rounding
+  if (rest < 1e-9) return fmt::format("{:.0f}", of_hundred);  // a sum of shares may be beyond by its rounding
   if (rest <= std::pow(10, 2 - digits) / 2) return with(decimals_that_show(rest));
   if (of_hundred > 1e-9 && of_hundred < 1e-4)  // without an exponent
     return with(decimals_that_show(of_hundred) + digits - 2);
