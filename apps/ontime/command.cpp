@@ -203,6 +203,8 @@ constexpr std::size_t help_column = 34;  // where descriptions start
 std::string fitted(const std::string& help, std::size_t columns) {
   std::string text;
   for (const auto& line : table::split(help, '\n')) {
+    // CLI11 ends a group of hidden options with an empty line, too.
+    if (line.empty() && text.ends_with("\n\n")) continue;
     if (table::width_of(line) <= columns) {
       text += line + "\n";
     } else if (!line.starts_with("  ")) {

@@ -108,7 +108,9 @@ class Listening {
   int run() {
     auto& interrupts = catch_interrupts();
     Terminal terminal;
-    terminal.does(arguments_.is_in_processes() ? "setting probes" : "starting to listen");
+    terminal.does(arguments_.is_recording()      ? "reading"
+                  : arguments_.is_in_processes() ? "setting probes"
+                                                 : "starting to listen");
     const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);
     auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
@@ -184,7 +186,8 @@ class Listening {
     const auto time = time_                       ? about(*time_ - cost_.listened()) + " left"
                       : arguments_.is_recording() ? about(cost_.listened())
                                                   : about(cost_.listened()) + "; Ctrl-C ends it";
-    return fmt::format("listening: {}, {}, {}", table::many(topics.size(), "topic", "topics"),
+    return fmt::format("{}: {}, {}, {}", arguments_.is_recording() ? "reading" : "listening",
+                       table::many(topics.size(), "topic", "topics"),
                        table::many(messages, "message", "messages"), time);
   }
 

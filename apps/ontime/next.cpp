@@ -62,7 +62,7 @@ int show_next() {
       // Without any, ping names the folders where ontime looks for them.
       transports.empty() ? "no transport is installed: see why" : "first round trips, 10 s");
   add("ontime check", "machine: " + fitness::counts_of(fitness::check({})));
-  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
+  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "with load and real-time settings");
   add("ontime init ROBOT", "write a scenario for two machines");
   add("source <(ontime completion bash)", "complete commands with Tab");
   add("ontime --help", "all commands");

@@ -175,9 +175,9 @@ void add_run(Command& app) {
   add_cable(*command, arguments->choice);
   add_results(*command, arguments->results, "add to this results file (default: a new one here)");
   command
-      ->add_flag(
-          "--resume", arguments->resume,
-          "skip runs that are complete in these results: same conditions, repetition and scenario text")
+      ->add_flag("--resume", arguments->resume,
+                 "skip runs that are complete in these results: same conditions, repetition, scenario text "
+                 "and version of ontime")
       ->needs("--results");
   add_report_format(*command, arguments->format, arguments->full);
   // For the lab's machine, which only measures; the caller shows, judges and keeps.

@@ -77,7 +77,8 @@ RunFlags::RunFlags(Command& app, Key::For end) {
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each implies --realtime on)");
   }
   add_value(app, "--interface", interface_, "NAME", "the link under test; messages use no other");
-  app.add_option("--peer", peers_, "address of the peer, for a transport without discovery")
+  app.add_option("--peer", peers_,
+                 "address of the peer: for a transport without discovery, or besides the discovery of a DDS")
       ->type_name("HOST[:PORT]");
   app.add_option("--option", options_, "option of the transport; an unknown NAME lists all")
       ->type_name("NAME=VALUE");

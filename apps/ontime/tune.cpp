@@ -271,9 +271,9 @@ void add_tune(Command& app) {
   auto* applied = add("apply", "Applies settings, until revert or a reboot", apply);
   add_value(*applied, "--set", arguments->sets, "NAME=VALUE",
             "apply this setting, such as ksoftirqd=60; repeatable");
-  applied->footer(
-      settings +
-      "\n\nExit codes: 0 OK · 2 invalid usage or input · 3 this machine cannot do it · 130 interrupted");
+  constexpr const char* codes =
+      "Exit codes: 0 OK · 2 invalid usage or input · 3 this machine cannot do it · 130 interrupted";
+  applied->footer(settings + "\n\n" + codes);
   auto* scenario =
       add_value(*applied, "--scenario", arguments->scenario, "SCENARIO",
                 "apply kernel.* of a run of this scenario: a file, or a name that `ontime scenarios` lists");
@@ -290,7 +290,8 @@ void add_tune(Command& app) {
       "3 this machine cannot do it");
   add_format(*verified, arguments->format);
   add("revert", "Restores what apply changed, and what a killed ontime left changed",
-      [](const TuneArguments&) { return revert(); });
+      [](const TuneArguments&) { return revert(); })
+      ->footer(codes);
   add_tune_search(*command);
   command->footer(settings);  // last: the others would inherit it
 }

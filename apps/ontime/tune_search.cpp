@@ -402,7 +402,7 @@ void add_tune_search(Command& tune) {
       "search", "Finds the smallest set of settings by which a scenario meets a goal, and proves it");
   command->footer(fmt::format(
       "Each run sets what it tries, measures, and restores it. The search keeps no settings: its output "
-      "shows how to keep them.\nA search may set: {}.\nExit codes: 0 the goal holds · 1 it does not, or is "
+      "shows how to keep them.\nA search may set: {}.\n\nExit codes: 0 the goal holds · 1 it does not, or is "
       "not proven · 2 invalid usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
       fmt::join(search::knob_keys(), ", ")));
   auto arguments = std::make_shared<Arguments>();
