@@ -352,6 +352,7 @@ TEST(Wrapped, NumberAndUnitStayTogether) {
   EXPECT_EQ(table::wrapped("98 % to 99 % late", 11), "98 % to\n  99 % late\n");
   EXPECT_EQ(table::wrapped("traffic: 60 Mbit/s", 13), "traffic:\n  60 Mbit/s\n");
   EXPECT_EQ(table::wrapped("[0 %, 0.806 %]; few", 14), "[0 %,\n  0.806 %];\n  few\n");
+  EXPECT_EQ(table::wrapped("at 18:03:20  6.8 ms old", 12), "at 18:03:20\n  6.8 ms old\n");
 }
 
 }  // namespace

@@ -102,7 +102,7 @@ std::string wrapped(const std::string& paragraph, std::size_t width, const std::
   for (auto& word : split(paragraph, ' '))
     if (!words.empty() && ends_in_digit(words.back()) && is_unit(word))
       words.back() += ' ' + word;
-    else
+    else if (!word.empty())
       words.push_back(std::move(word));
   std::string text, line = indent;
   for (const auto& word : words) {
