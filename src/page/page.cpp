@@ -175,11 +175,11 @@ std::string details(const std::string& summary, const std::string& content, bool
 
 std::string time_figure(const Summary& run, const std::string& label, std::size_t figure) {
   const auto& of = run.round_trip;
-  auto text = grouped(run.sent) + " messages";
+  auto text = many(run.sent, "message", "messages");
   if (statistics::knows_late(run.run)) text += fmt::format(", {} late", grouped(run.late));
   if (statistics::knows_loss(run.run)) text += fmt::format(", {} lost", grouped(run.lost));
   if (differs_by_response(run))
-    text += fmt::format(", {} cycles not in time", grouped(*run.late_by_response));
+    text += fmt::format(", {} not in time", many(*run.late_by_response, "cycle", "cycles"));
   if (of.count > 0)
     text += fmt::format("; {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
                         microseconds(of[Figure::p50]));

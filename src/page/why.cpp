@@ -119,8 +119,9 @@ Why why_of(const record::Reader& reader, const record::Run& run, const std::stri
     for (std::size_t i = 0; i < shown; ++i) why.html += share_of(account.groups[i], looked_at);
     why.html += "</ol>\n";
     if (shown < account.groups.size())
-      why.html += note_as_html(fmt::format("{} more causes, each of fewer messages: see `{}`.",
-                                           account.groups.size() - shown, explain));
+      why.html += note_as_html(fmt::format("{}, each of fewer messages: see `{}`.",
+                                           many(account.groups.size() - shown, "more cause", "more causes"),
+                                           explain));
   }
   for (const auto& limit : account.limits) why.html += note_as_html(limit);
 
