@@ -121,7 +121,11 @@ void Terminal::line_at_second(const std::stop_token& stop) {
 // Cut to the terminal's width: a second line could not be cleared.
 void Terminal::rewrite_line(const std::string& text) {
   erase_line();
-  say("{:.{}}", for_terminal(text, STDERR_FILENO), columns() - 1);
+  auto line = for_terminal(text, STDERR_FILENO);
+  // Between words: 10 would be left of 1022.
+  if (const auto part = table::shortened(line, columns() - 3); part != line)
+    line = part.substr(0, part.rfind(' ') + 1) + "…";
+  say("{}", line);
   line_is_open = true;
 }
 

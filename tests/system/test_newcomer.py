@@ -252,6 +252,11 @@ class Newcomer(unittest.TestCase):
         self.assertRegex(shown, r"\[1/2, ≥ [0-9]+ s left\] a udp  starting")
         self.assertRegex(shown, r"\[2/2, [0-9]+ s left\] b udp  starting")
 
+    def test_progress_is_cut_between_words(self):
+        shown = self.on_a_terminal("ping", "--transport", "udp", "--peer", "127.0.0.1:9", "--wait", "300 ms", columns=36,
+                                   LC_ALL="C.UTF-8").decode()
+        self.assertIn("\x1b[Kping udp  waiting for pong at …\r", shown)
+
     def test_scenario_without_a_title_has_its_name_alone(self):
         (self.folder / "own.yaml").write_text("runs: [{id: a, transport: udp, duration: 0.3 s, period: 7 ms}, {id: b, transport: udp}]\n")
         self.assertTrue(self.ontime("scenarios", "own.yaml").stdout.startswith("own.yaml  2 runs, "))
