@@ -24,6 +24,14 @@ void add_results(Command& command, std::string& file, const char* help) {
   add_file(command, "--results", file, help)->in_a_folder();
 }
 
+void add_resume(Command& command, bool& resume) {
+  command
+      .add_flag("--resume", resume,
+                "skip runs that are complete in these results: same conditions, repetition, scenario text "
+                "and version of ontime")
+      ->needs("--results");
+}
+
 void add_output(Command& command, std::string& file) {
   add_file(command, "--output", file, "write to this file instead of standard output");
 }

@@ -31,6 +31,7 @@ Option* add_list(Command&, const std::string& flag, std::vector<std::string>& va
 Option* add_file(Command&, const char* flag, std::string& file, const char* help);
 // --results, to write: refuses a folder, and a file whose folder does not exist.
 void add_results(Command&, std::string& file, const char* help);
+void add_resume(Command&, bool& resume);              // --resume, of runs, with --results
 void add_output(Command&, std::string& file);         // --output FILE, instead of standard output
 void add_report_output(Command&, std::string& file);  // --output FILE, whose ending may be the format
 // --format, for format_flag(), and --full: every table instead of the first screen.

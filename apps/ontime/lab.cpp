@@ -75,10 +75,7 @@ void add_lab(Command& app) {
   add_explain_flag(*runs, measured->choice);
   add_results(*runs, measured->results,
               "new results file, or with --resume an existing one (default: a new one here)");
-  runs->add_flag("--resume", measured->resume,
-                 "skip runs that are complete in these results: same conditions, repetition, scenario text "
-                 "and version of ontime")
-      ->needs("--results");
+  add_resume(*runs, measured->resume);
   add_report_format(*runs, measured->format, measured->full);
   auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);
   runs->calls([measured, flags] { return run(*measured, *flags); });

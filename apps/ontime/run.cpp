@@ -174,11 +174,7 @@ void add_run(Command& app) {
                     "copy this program to the ssh hosts for the run, then remove it");
   add_cable(*command, arguments->choice);
   add_results(*command, arguments->results, "add to this results file (default: a new one here)");
-  command
-      ->add_flag("--resume", arguments->resume,
-                 "skip runs that are complete in these results: same conditions, repetition, scenario text "
-                 "and version of ontime")
-      ->needs("--results");
+  add_resume(*command, arguments->resume);
   add_report_format(*command, arguments->format, arguments->full);
   // For the lab's machine, which only measures; the caller shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");

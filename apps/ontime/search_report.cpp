@@ -39,9 +39,7 @@ std::string answer_of(const SearchReport& report) {
 }
 
 // A rest of rounding is 0.
-std::string percent(double share) {
-  return std::abs(share) < 1e-9 ? "0" : (share < 0 ? "-" : "") + table::percent(std::abs(share), 3);
-}
+std::string percent(double share) { return std::abs(share) < 1e-9 ? "0" : table::percent(share, 3); }
 
 // A limit on response times counts cycles, also those without a message.
 const char* unit_of(const search::Limit& limit) {

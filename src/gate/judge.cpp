@@ -188,8 +188,7 @@ std::string change_words(const Gate& gate, const statistics::Change& change) {
     return fmt::format("({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
   }
   const auto text = [&](double value) {
-    return is_share(gate) ? (value < 0 ? "-" : "+") + table::percent(std::abs(value), 3) + " points"
-                          : (value < 0 ? "" : "+") + time_of(value);
+    return is_share(gate) ? table::points(value) + " points" : (value < 0 ? "" : "+") + time_of(value);
   };
   return fmt::format("({}), {}", text(change.to - change.from),
                      interval(difference_lies(gate, change), text));

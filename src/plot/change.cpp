@@ -51,10 +51,6 @@ std::string times_text(double from_ns, double to_ns) {
   return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
 }
 
-std::string points(double difference) {
-  return (difference < 0 ? "-" : "+") + table::percent(std::abs(difference), 3);
-}
-
 // Runs of one name are told apart by their files.
 std::vector<std::string> sides_text(const Comparison& comparison, const Comparison::Pair& pair) {
   const bool is_one_name = gate::name_of(pair.from) == gate::name_of(pair.to);
@@ -82,10 +78,11 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
       const bool is_bounded =
           low && high &&
           !(change->ratio && (*low * farthest < *change->ratio || *high > *change->ratio * farthest));
-      const auto lies = !is_bounded || report::tells_nothing(figure, *change) ? ""
-                        : change->ratio
-                            ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
-                            : fmt::format(", difference [{}, {}] points", points(*low), points(*high));
+      const auto lies =
+          !is_bounded || report::tells_nothing(figure, *change) ? ""
+          : change->ratio
+              ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
+              : fmt::format(", difference [{}, {}] points", table::points(*low), table::points(*high));
       for (const auto& line :
            wrapped(fmt::format("{}: {} % → {} %{}", statistics::name_of(times, figure),
                                table::percent(change->from, 3), table::percent(change->to, 3), lies),

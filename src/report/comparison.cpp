@@ -72,8 +72,7 @@ std::string in_percent(double ratio) {
 
 // In points or µs, with its sign.
 std::string difference_of(const Quantity& row, double difference) {
-  return row.is_share() ? (difference < 0 ? "-" : "+") + table::percent(std::abs(difference), 3)
-                        : (difference < 0 ? "" : "+") + microseconds(difference);
+  return row.is_share() ? table::points(difference) : (difference < 0 ? "" : "+") + microseconds(difference);
 }
 
 const char* unit_of(const Quantity& row) { return row.is_share() ? " points" : ""; }

@@ -33,8 +33,9 @@ std::string labelled(const std::string& label, const std::string& text, std::siz
 std::string grouped(std::uint64_t number);                                     // "4,320,000"
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2,000 runs"
 std::string megabits(double bit_s);                                            // "80", "38.2", "10000"
-// In percent without the sign, in so many digits: "0", "0.05", "99.9"; 0 and 100 only if exact.
+// In percent without "%", in so many digits: "0", "0.05", "99.9"; 0 and 100 only if exact.
 std::string percent(double share, int digits);
+std::string points(double difference);     // of two shares: "+20", "-0.008"
 int decimals_that_show(double below_one);  // enough not to print 0: 2 for 0.05
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one

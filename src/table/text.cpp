@@ -146,7 +146,8 @@ std::string megabits(double bit_s) {
 int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-std::log10(below_one))); }
 
 std::string percent(double share, int digits) {
-  const double of_hundred = share * 100, rest = 100 - of_hundred;
+  if (share < 0) return "-" + percent(-share, digits);
+  const double of_hundred = share * 100 + 0.0, rest = 100 - of_hundred;  // not -0
   const auto with = [&](int decimals) {
     const auto text = fmt::format("{:.{}f}", of_hundred, decimals);
     return text.substr(0, text.find_last_not_of('0') + 1);
@@ -157,6 +158,8 @@ std::string percent(double share, int digits) {
     return with(decimals_that_show(of_hundred) + digits - 2);
   return fmt::format("{:.{}g}", of_hundred, digits);
 }
+
+std::string points(double difference) { return (difference < 0 ? "" : "+") + percent(difference, 3); }
 
 std::string grouped(std::uint64_t number) {
   const auto digits = fmt::format("{}", number);
