@@ -122,6 +122,8 @@ TEST(Load, FifoIsNotWaitedForWithoutEnd) {
   setenv("AMENT_PREFIX_PATH", folder.c_str(), 1);
   EXPECT_FALSE(declared("fifo"));
   EXPECT_FALSE(declared("packaged"));
+  EXPECT_THAT([] { load("packaged"); },
+              testing::ThrowsMessage<Error>(testing::HasSubstr((index / "packaged").string())));
   unsetenv("AMENT_PREFIX_PATH");
   setenv("ONTIME_TRANSPORT_PATH", before.c_str(), 1);
   // NOLINTEND(concurrency-mt-unsafe)

@@ -58,11 +58,16 @@ std::vector<std::string> files_in(const fs::path& folder, std::error_code& error
 // is where the shared object lies below the package's prefix.
 constexpr const char* ament_index = "share/ament_index/resource_index/ontime_transport";
 
+void refuse_if_no_file(const fs::path& file) {
+  std::error_code none;
+  if (fs::is_other(file, none))  // a FIFO would be waited for without end
+    throw Error(fmt::format("{} is not a file. Fix: remove it", file.string()));
+}
+
 std::optional<fs::path> in_ament_index(const std::string& name) {
   for (const auto& prefix_path : folders_in(ament_variable)) {
     const auto file = prefix_path / ament_index / name;
-    std::error_code none;
-    if (!fs::is_regular_file(file, none)) continue;  // a FIFO would be waited for without end
+    refuse_if_no_file(file);
     std::ifstream resource(file);
     if (!resource) continue;
     std::string relative;
@@ -132,9 +137,7 @@ std::optional<Part> declared(const std::string& name, Part Shipped::*own, Part P
 
 const Plugin& load(const std::string& name) {
   const auto file = find(name);
-  std::error_code none;
-  if (fs::is_other(file, none))  // a FIFO would be waited for without end
-    throw Error(fmt::format("transport {} is not a file. Fix: remove it", file));
+  refuse_if_no_file(file);
   if (is_truncated(file))
     throw Error(fmt::format(
         "transport {} is truncated: its file ends too early. Fix: install or build it again", file));
