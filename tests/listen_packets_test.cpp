@@ -167,6 +167,24 @@ TEST(Frames, DatagramCutByTheCaptureIsMarked) {
   EXPECT_FALSE(cut(frame_of(Bytes(3000), 0, 4000, false), 1000)) << "it is no RTPS";
 }
 
+TEST(Frames, DatagramOfAPacketThatIsShorterThanItStatesIsCut) {
+  const auto stated = [](Bytes frame, std::size_t at, std::byte high) {
+    frame[at] = high;
+    Packets packets(DLT_EN10MB);
+    const auto found = packets.datagram(frame);
+    return found && found->is_cut;
+  };
+  const auto ipv4 = frame_of(Rtps().data(1).bytes, 0, 4000, false);
+  auto ipv6 = frame6_of(Rtps().data(1).bytes, 0, 4000, false);
+  ipv6.erase(ipv6.begin() + 54, ipv6.begin() + 62);  // without the header of a fragment
+  ipv6[20] = std::byte{17};
+  ipv6[19] = static_cast<std::byte>(std::to_integer<unsigned>(ipv6[19]) - 8);
+  for (const auto& [frame, at] : {std::pair(ipv4, 16), std::pair(ipv6, 18)}) {
+    EXPECT_FALSE(stated(frame, at, frame[at]));
+    EXPECT_TRUE(stated(frame, at, std::byte{2}));
+  }
+}
+
 TEST(Frames, InterfaceIsThatOfTheCookedHeader) {
   const auto frame = frame_of(Rtps().data(1).bytes, 0, 1500, false);
   Bytes cooked;

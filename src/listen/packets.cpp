@@ -34,7 +34,8 @@ std::string address_of(int family, Bytes address, std::uint32_t port) {
   return family == AF_INET ? fmt::format("{}:{}", text, port) : fmt::format("[{}]:{}", text, port);
 }
 
-std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes bytes) {
+// `is_cut`: the IP packet was.
+std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes bytes, bool is_cut) {
   if (bytes.size() < 8) return {};
   const std::size_t size = number(bytes, 4, 2);
   if (size < 8) return {};
@@ -45,7 +46,7 @@ std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes b
   return Datagram{.source = address_of(family, source, number(bytes, 0, 2)),
                   .destination = address_of(family, destination, number(bytes, 2, 2)),
                   .is_one_host = is_loopback || std::equal(source.begin(), source.end(), destination.begin()),
-                  .is_cut = size > bytes.size() && may_be_rtps,
+                  .is_cut = (is_cut || size > bytes.size()) && may_be_rtps,
                   .payload = payload};
 }
 
@@ -108,26 +109,25 @@ std::optional<Datagram> Packets::ipv4(Bytes packet) {
     if (!all) return {};
     bytes = *all;
   }
-  return udp(AF_INET, packet.subspan(12, 4), packet.subspan(16, 4), bytes);
+  return udp(AF_INET, packet.subspan(12, 4), packet.subspan(16, 4), bytes, is_cut);
 }
 
 std::optional<Datagram> Packets::ipv6(Bytes packet) {
   if (packet.size() < 40) return {};
   const auto source = packet.subspan(8, 16), destination = packet.subspan(24, 16);
   const auto next = number(packet, 6, 1);
-  const auto bytes = packet.subspan(40);
-  if (next == IPPROTO_UDP) return udp(AF_INET6, source, destination, bytes);
-  if (next != IPPROTO_FRAGMENT || bytes.size() < 8 || number(bytes, 0, 1) != IPPROTO_UDP) return {};
   // Ethernet may pad the frame: the packet says how long it is.
   const std::size_t size = number(packet, 4, 2);
-  if (size < 8) return {};
+  const bool is_cut = size > packet.size() - 40;
+  const auto bytes = packet.subspan(40, std::min(size, packet.size() - 40));
+  if (next == IPPROTO_UDP) return udp(AF_INET6, source, destination, bytes, is_cut);
+  if (next != IPPROTO_FRAGMENT || bytes.size() < 8 || number(bytes, 0, 1) != IPPROTO_UDP) return {};
   const auto flags = number(bytes, 2, 2);
-  if (size > bytes.size() && (flags & 0xfff8U) == 0)
-    return udp(AF_INET6, source, destination, bytes.subspan(8));
-  const auto all = whole(source, destination, number(bytes, 4, 4), flags & 0xfff8U, (flags & 1U) == 0,
-                         bytes.subspan(8, std::min(size, bytes.size()) - 8));
+  if (is_cut && (flags & 0xfff8U) == 0) return udp(AF_INET6, source, destination, bytes.subspan(8), is_cut);
+  const auto all =
+      whole(source, destination, number(bytes, 4, 4), flags & 0xfff8U, (flags & 1U) == 0, bytes.subspan(8));
   if (!all) return {};
-  return udp(AF_INET6, source, destination, *all);
+  return udp(AF_INET6, source, destination, *all, false);
 }
 
 // The datagram, when all of its fragments arrived. Overlapping fragments only make one that is not RTPS.

@@ -162,7 +162,7 @@ class Input(unittest.TestCase):
         self.assertIn("100 datagrams were captured only in part", done.stderr)
 
     def test_datagram_that_is_shorter_than_it_states_hides_no_loss(self):
-        for beyond in {"udp_beyond": 500}, {"ip_beyond": 500, "udp_beyond": 500}:
+        for beyond in {"udp_beyond": 500}, {"ip_beyond": 500}, {"ip_beyond": 500, "udp_beyond": 500}:
             packets = [self.packet(1), self.packet(2), self.packet(3, **beyond), self.packet(5), self.packet(6)]
             done = subprocess.run([ONTIME, "listen", "--pcap", self.capture_of(packets), "--format", "json"], capture_output=True,
                                   text=True, timeout=60)
