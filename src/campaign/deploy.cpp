@@ -77,7 +77,10 @@ struct Part {
 };
 
 Part read(const fs::path& here, const fs::path& there) {
-  std::ifstream file(here, std::ios::binary);
+  std::error_code none;
+  std::ifstream file;
+  if (fs::is_regular_file(here, none))
+    file.open(here, std::ios::binary);  // a FIFO would be waited for without end
   std::string content{std::istreambuf_iterator<char>(file), {}};
   if (!file || content.empty()) throw Error(3, fmt::format("--deploy: cannot read {}", here.string()));
   return {there, std::move(content)};

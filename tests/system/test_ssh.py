@@ -309,9 +309,15 @@ class Ssh(unittest.TestCase):
         far_program = other / "bin/ontime"
         far_program.write_text("#!/bin/sh\necho brought from the folder of riscv64\n")
         scenario = self.scenario_with_another("uname", "#!/bin/sh\necho riscv64\n")
-        answer = subprocess.run([own / "bin/ontime" if word == ONTIME else word for word in self.command(scenario, "--deploy")],
-                                capture_output=True, text=True, env=self.environment, timeout=180)
+        command = [own / "bin/ontime" if word == ONTIME else word for word in self.command(scenario, "--deploy")]
+        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=180)
         self.assertIn("brought from the folder of riscv64", answer.stderr)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        fifo = other / "lib/riscv64-linux-gnu/ontime" / transport.name
+        fifo.unlink()
+        os.mkfifo(fifo)
+        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=30)
+        self.assertIn(f"cannot read {fifo}", answer.stderr)
         self.assertEqual(answer.returncode, 3, answer.stderr)
 
     def test_deploy_brings_a_program_for_arm64_that_measures(self):
