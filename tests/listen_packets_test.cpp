@@ -3,6 +3,7 @@
 #include <chrono>
 #include <filesystem>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -202,6 +203,21 @@ TEST(Frames, FragmentsThatNeverEndAreForgotten) {
   EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true, 0)));
   for (unsigned id = 1; id < 200; ++id) EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true, id)));
   EXPECT_FALSE(packets.datagram(frame_of(payload, 1480, 2000, false, 0)));
+}
+
+TEST(Frames, FragmentsOfAnEarlierDatagramWithTheSameIdentificationAreForgotten) {
+  constexpr std::int64_t second_ns = 1'000'000'000;
+  Packets packets(DLT_EN10MB);
+  const Bytes earlier(3000, std::byte{1}), payload(5000, std::byte{5});
+  EXPECT_FALSE(packets.datagram(frame_of(earlier, 0, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(earlier, 2960, 1480, false)));
+  std::optional<Datagram> found;
+  for (std::size_t from = 0; from < 5008; from += 1480) {
+    EXPECT_FALSE(found);
+    found = packets.datagram(frame_of(payload, from, 1480, from < 4440), 70 * second_ns);
+  }
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
 }
 
 TEST(Frames, FrameOfAnyLengthIsReadWithinItsBounds) {

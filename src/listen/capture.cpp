@@ -88,7 +88,7 @@ class Capture final : public Sensor {
     capture.origin_.begin(at_ns);
     capture.note_time(at_ns);
     const auto datagram =
-        capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
+        capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen}, at_ns);
     // If it was captured whole and is shorter than it states, no receiver takes it.
     if (!datagram || (datagram->is_cut && header->caplen == header->len)) return;
     if (capture.is_in_doubt_) capture.wire_.interrupt();

@@ -31,7 +31,7 @@ class Packets {
   explicit Packets(int link_type);
   // Empty: no UDP datagram ends with this frame, or it is the sending half of one on loopback, which shows it
   // twice.
-  std::optional<Datagram> datagram(std::span<const std::byte> frame);
+  std::optional<Datagram> datagram(std::span<const std::byte> frame, std::int64_t at_ns = 0);
 
  private:
   using Bytes = std::span<const std::byte>;
@@ -41,6 +41,7 @@ class Packets {
     std::vector<std::byte> bytes;
     std::bitset<8192> blocks;  // of eight bytes, that were here
     std::optional<std::size_t> total;
+    std::int64_t begun_ns = 0;
   };
   std::optional<Datagram> ipv4(Bytes packet);
   std::optional<Datagram> ipv6(Bytes packet);
@@ -48,6 +49,7 @@ class Packets {
                              bool is_last, Bytes piece);
 
   const int link_type_;
+  std::int64_t at_ns_ = 0;  // of the frame
   std::map<Key, Partial> partial_;
   std::deque<Key> oldest_;  // of partial_, in order of arrival
   std::vector<std::byte> put_together_;
