@@ -113,6 +113,8 @@ TEST(JudgeAChange, LimitInPointsIsAnsweredInPoints) {
       << "not more than all messages";
   EXPECT_THAT(says_of("lost > +0.1 points", none, losing(0.99998, 0.99997, 0.99999)),
               HasSubstr("from 0 % to 99.998 % (+99.998 points)"));
+  const auto most = run(measured(10, 9.9, 10.1)), hardly = run(measured(0.002, 0.0019, 0.0021));
+  EXPECT_THAT(says_of("p99 > +10%", most, hardly), HasSubstr("(-99.98 %), 98 % interval [-99.9"));
   // Without a ratio an interval in percent would read as one.
   for (const auto* text : {"lost > +0.1 points", "lost > +10%"})
     EXPECT_THAT(says_of(text, none, many), HasSubstr("from 0 % to 20 % (+20 points), 98 % interval [+19."))

@@ -357,6 +357,21 @@ TEST(Change, PercentileOfTooFewMessagesIsUnknown) {
   EXPECT_TRUE(change_of(enough, too_few, Figure::p99));
 }
 
+TEST(Change, EqualSharesInAnotherOrderAreNoChange) {
+  const auto late = [](std::initializer_list<std::uint64_t> of_thousand) {
+    std::vector<Summary> runs;
+    for (const auto events : of_thousand)
+      runs.emplace_back().late_probability = probability(events, 1000, 1, 1);
+    return runs;
+  };
+  for (const auto& [from, to] :
+       {std::pair(late({0, 0, 5}), late({0, 1, 4})), {late({0, 1, 4}), late({0, 0, 5})}}) {
+    const auto found = *change_of(from, to, Figure::late);
+    EXPECT_EQ(found.from, found.to);
+    EXPECT_EQ(difference_exceeds(found, 0), Answer::no);
+  }
+}
+
 TEST(Change, IsOfWhatBothHave) {
   const auto answered = with_p99(between(1, 2, 3));
   const Summary empty;

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <net/if.h>
 #include <pcap/pcap.h>
 
 #include "listen/clock_steps.hpp"
@@ -27,6 +28,13 @@ constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; th
 constexpr const char* wanted =
     "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp) or ether proto 0x8100 or "
     "ether proto 0x88a8";
+
+// Loopback shows each packet twice. libpcap shows one of them, but would count both among those dropped.
+std::string filter_of(pcap_t* handle, const std::string& interface) {
+  if (pcap_datalink(handle) == DLT_LINUX_SLL2)
+    return fmt::format("({}) and not (outbound and ifindex {})", wanted, if_nametoindex("lo"));
+  return interface == "lo" ? fmt::format("({}) and not outbound", wanted) : wanted;
+}
 
 using Handle = std::unique_ptr<pcap_t, void (*)(pcap_t*)>;
 
@@ -67,6 +75,11 @@ class Capture final : public Sensor {
     judge_silence(findings.flows, limits_,
                   is_live_ ? std::max(read_ns_, latest_ns_) - unread_ns : latest_ns_);
     clock_.remark(findings.remarks, "Periods and losses");
+    if (too_short_ > 0)  // `editcap -s 96 -L` leaves such ones of every large message
+      findings.remarks.push_back(fmt::format(
+          "datagrams shorter than they state: {}. No receiver takes them, and their messages may count as "
+          "lost. If a tool cut the packets, judge the original capture",
+          too_short_));
     if (!damage_.empty())
       findings.add_incomplete(
           fmt::format("the capture cannot be read to its end: {}. ontime judges the part before", damage_));
@@ -89,8 +102,12 @@ class Capture final : public Sensor {
     capture.note_time(at_ns);
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen}, at_ns);
+    if (!datagram) return;
     // If it was captured whole and is shorter than it states, no receiver takes it.
-    if (!datagram || (datagram->is_cut && header->caplen == header->len)) return;
+    if (datagram->is_cut && header->caplen == header->len) {
+      ++capture.too_short_;
+      return;
+    }
     if (capture.is_in_doubt_) capture.wire_.interrupt();
     capture.wire_.add(at_ns, *datagram);
   }
@@ -141,6 +158,7 @@ class Capture final : public Sensor {
       clock_set_ns_;  // what it then showed, as long as the ring may hold earlier ones
   Origin origin_;
   Packets packets_;
+  std::uint64_t too_short_ = 0;  // datagrams
   Wire wire_;
   std::uint32_t dropped_ = 0;
   // Packets were dropped, or the clock was set, somewhere among those in the ring.
@@ -172,7 +190,8 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
   // Of "any": the newer header names the interface. A bridged packet, or one of a VLAN, passes several.
   if (pcap_datalink(handle.get()) == DLT_LINUX_SLL) pcap_set_datalink(handle.get(), DLT_LINUX_SLL2);
   bpf_program filter{};
-  if (pcap_compile(handle.get(), &filter, wanted, 1, PCAP_NETMASK_UNKNOWN) == 0)
+  if (pcap_compile(handle.get(), &filter, filter_of(handle.get(), interface).c_str(), 1,
+                   PCAP_NETMASK_UNKNOWN) == 0)
     pcap_setfilter(handle.get(), &filter);
   pcap_freecode(&filter);
   pcap_setnonblock(handle.get(), 1, text.data());

@@ -198,7 +198,9 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
     return change;
   }
   change.from = one.value;
-  change.to = other.value;
+  // Equal means, of other values, may differ by their rounding.
+  const bool is_rounding = std::abs(other.value - one.value) <= 1e-12 * std::abs(one.value);
+  change.to = is_rounding ? one.value : other.value;
   change.difference_lies = difference_lies(one, other);
   if (metric_of(figure).is_share)
     for (auto* end : {&change.difference_lies.low, &change.difference_lies.high})

@@ -96,6 +96,28 @@ class Input(unittest.TestCase):
                 with self.subTest(tags=tags, interface=interface):
                     self.check_capture(interface, tags)
 
+    @unittest.skipUnless(os.geteuid() == 0, "interfaces need root")
+    def test_packet_on_loopback_that_was_not_seen_counts_once(self):
+        for interface in "lo", "any":
+            with self.subTest(interface=interface), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as messages:
+                arguments = [ONTIME, "listen", "--packets", interface, "--format", "json", "--results", self.folder / f"{interface}.ontime"]
+                listener = subprocess.Popen(arguments, stdout=subprocess.PIPE)
+                self.addCleanup(listener.kill)
+                while not (self.folder / f"{interface}.ontime").exists():  # after it captures
+                    time.sleep(0.01)
+                listener.send_signal(signal.SIGSTOP)
+                os.waitid(os.P_PID, listener.pid, os.WSTOPPED)
+                for number in range(1, 3001):  # more than it can keep meanwhile
+                    messages.sendto(self.packet(number)[42:] + bytes(20000), ("127.0.0.1", 7401))
+                listener.send_signal(signal.SIGCONT)
+                time.sleep(1)
+                listener.send_signal(signal.SIGINT)
+                seen = json.load(listener.stdout)
+                listener.wait(60)
+                flow, = seen["flows"]
+                self.assertLess(flow["messages"], 3000)
+                self.assertEqual(flow["messages"] + seen["sensor_lost"], 3000)
+
     def check_capture(self, interface, tags=b""):
         subprocess.run("ip link add v0 type veth peer name v1 && ip link set v0 up && ip link set v1 up", shell=True, check=True)
         with contextlib.ExitStack() as end, socket.socket(socket.AF_PACKET, socket.SOCK_RAW) as wire:
@@ -166,8 +188,10 @@ class Input(unittest.TestCase):
             packets = [self.packet(1), self.packet(2), self.packet(3, **beyond), self.packet(5), self.packet(6)]
             done = subprocess.run([ONTIME, "listen", "--pcap", self.capture_of(packets), "--format", "json"], capture_output=True,
                                   text=True, timeout=60)
-            flow, = json.loads(done.stdout)["flows"]
+            seen = json.loads(done.stdout)
+            flow, = seen["flows"]
             self.assertEqual((flow["messages"], flow["lost"]), (4, 2), beyond)
+            self.assertEqual(sum("than they state: 1." in remark for remark in seen["remarks"]), 1, seen["remarks"])
 
     def test_output_that_cannot_be_written_loses_no_results(self):
         gone, pipe = os.pipe()
