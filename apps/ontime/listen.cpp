@@ -311,7 +311,8 @@ class Listening {
     if (!results.failure().empty())
       print_error(fmt::format("results: not all messages were recorded: {}", results.failure()));
     else if (results.runs() == 0)
-      print_error(fmt::format("results: no run was added to {}: no message was seen", arguments_.results));
+      print_error(
+          fmt::format("results: no run was added to {}: no age or period was measured", arguments_.results));
     else
       print_error(
           fmt::format("results: added {} to {}, one per age and period of a flow{}. Next: ontime {} {}",

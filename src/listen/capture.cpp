@@ -6,8 +6,10 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <linux/filter.h>
 #include <net/if.h>
 #include <pcap/pcap.h>
+#include <sys/socket.h>
 
 #include "listen/clock_steps.hpp"
 #include "listen/listen.hpp"
@@ -28,13 +30,6 @@ constexpr std::int64_t latest_s = 4'000'000'000;  // later times are invalid; th
 constexpr const char* wanted =
     "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp) or ether proto 0x8100 or "
     "ether proto 0x88a8";
-
-// Loopback shows each packet twice. libpcap shows one of them, but would count both among those dropped.
-std::string filter_of(pcap_t* handle, const std::string& interface) {
-  if (pcap_datalink(handle) == DLT_LINUX_SLL2)
-    return fmt::format("({}) and not (outbound and ifindex {})", wanted, if_nametoindex("lo"));
-  return interface == "lo" ? fmt::format("({}) and not outbound", wanted) : wanted;
-}
 
 using Handle = std::unique_ptr<pcap_t, void (*)(pcap_t*)>;
 
@@ -189,11 +184,26 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
         fmt::format("listen: {}: {}. List the interfaces: ip link", interface, pcap_geterr(handle.get())));
   // Of "any": the newer header names the interface. A bridged packet, or one of a VLAN, passes several.
   if (pcap_datalink(handle.get()) == DLT_LINUX_SLL) pcap_set_datalink(handle.get(), DLT_LINUX_SLL2);
-  bpf_program filter{};
-  if (pcap_compile(handle.get(), &filter, filter_of(handle.get(), interface).c_str(), 1,
-                   PCAP_NETMASK_UNKNOWN) == 0)
-    pcap_setfilter(handle.get(), &filter);
-  pcap_freecode(&filter);
+  // Loopback shows each packet twice. libpcap takes one of them, but counts both among those dropped, unless
+  // the kernel leaves one out.
+  const auto filter = [&](const std::string& expression, auto&& set) {
+    bpf_program program{};
+    if (pcap_compile(handle.get(), &program, expression.c_str(), 1, PCAP_NETMASK_UNKNOWN) == 0) set(program);
+    pcap_freecode(&program);
+  };
+  const auto set = [&](bpf_program& program) { pcap_setfilter(handle.get(), &program); };
+  if (pcap_datalink(handle.get()) == DLT_LINUX_SLL2) {
+    filter(fmt::format("({}) and not (outbound and ifindex {})", wanted, if_nametoindex("lo")), set);
+  } else {
+    filter(wanted, set);
+    // Not by libpcap, which filters the first packets itself and does not know their direction.
+    if (interface == "lo")
+      filter(fmt::format("({}) and not outbound", wanted), [&](bpf_program& program) {
+        const sock_fprog of_socket{static_cast<unsigned short>(program.bf_len),
+                                   reinterpret_cast<sock_filter*>(program.bf_insns)};
+        setsockopt(pcap_fileno(handle.get()), SOL_SOCKET, SO_ATTACH_FILTER, &of_socket, sizeof of_socket);
+      });
+  }
   pcap_setnonblock(handle.get(), 1, text.data());
   return std::make_unique<Capture>(std::move(handle), true, limits);
 }
