@@ -25,16 +25,18 @@ def look_alike(folder, version):
 
 
 class OpenDdsVersion(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(cls.enterClassContext(tempfile.TemporaryDirectory()))
+
     def configured_with(self, version):
-        with tempfile.TemporaryDirectory() as name:
-            folder = pathlib.Path(name)
-            look_alike(folder, version)
-            answer = subprocess.run(
-                [os.environ["CMAKE"], "-G", os.environ["GENERATOR"], "-S", ROOT, "-B", folder / "build", "-DBUILD_TESTING=OFF",
-                 "-DONTIME_BENCH=OFF"],
-                env={**os.environ, "DDS_ROOT": name, "ACE_ROOT": name, "TAO_ROOT": name}, capture_output=True, text=True)
-            self.assertEqual(answer.returncode, 0, answer.stderr)
-            return answer.stdout.replace(name, "FOLDER")
+        look_alike(self.folder, version)
+        answer = subprocess.run(
+            [os.environ["CMAKE"], "-G", os.environ["GENERATOR"], "-S", ROOT, "-B", self.folder / "build", "-DBUILD_TESTING=OFF",
+             "-DONTIME_BENCH=OFF"],
+            env={**os.environ, **dict.fromkeys(("DDS_ROOT", "ACE_ROOT", "TAO_ROOT"), str(self.folder))}, capture_output=True, text=True)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return answer.stdout.replace(str(self.folder), "FOLDER")
 
     def test_another_is_told_and_left_out(self):
         self.assertIn("opendds is not built: it needs OpenDDS 3.13, but FOLDER has 3.14.1\n", self.configured_with("3.14.1"))

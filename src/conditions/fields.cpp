@@ -120,13 +120,6 @@ Fields fields_of_run() {
              "key with a list of values, lightest to heaviest; ontime finds the first with late or lost "
              "messages"},
             "search.key", text(), within(&Run::step, &Run::Step::key)),
-      field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter",
-             client, "count-instructions {}"},
-            "count_instructions", or_null(on_or_off()), within(&Run::task, &Task::count_instructions)),
-      field({"explain", "--explain", "",
-             "record what the kernel does around late and lost messages, for `ontime explain`; needs root",
-             both, "explain {}"},
-            "explain", or_null(on_or_off()), &Run::explain),
       field({"transport", "--transport", "NAME",
              "transport of the messages (ethernet, xdp, udp, cyclonedds, fastdds, or another installed one); "
              "required",
@@ -139,7 +132,14 @@ Fields fields_of_run() {
                 return run.component_transport.empty() ? run.task.transport : run.component_transport;
               }),
       field({"component.restart", "", "", "restart the server if it dies during the run"},
-            "component_restart", or_null(on_or_off()), &Run::component_restart)};
+            "component_restart", or_null(on_or_off()), &Run::component_restart),
+      field({"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter",
+             client, "count-instructions {}"},
+            "count_instructions", or_null(on_or_off()), within(&Run::task, &Task::count_instructions)),
+      field({"explain", "--explain", "",
+             "record what the kernel does around late and lost messages, for `ontime explain`; needs root",
+             both, "explain {}"},
+            "explain", or_null(on_or_off()), &Run::explain)};
 }
 
 // Payload, schedule and time limits.
