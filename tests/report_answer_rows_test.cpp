@@ -209,7 +209,7 @@ TEST(Words, PercentIsNeitherAllNorNoneUnlessExact) {
   for (int i = 0; i < 7; ++i) sum += 1.0 / 7;
   ASSERT_LT(sum, 1);
   EXPECT_EQ(percent(sum), "100");
-  EXPECT_EQ(percent(3.3333e-8), "0.00000333");
+  EXPECT_EQ(percent(3.3333e-8), "0.000003333");
   EXPECT_EQ(percent(1e-30), "1e-28") << "an interval's end, not a count";
   EXPECT_EQ(percent(0), "0");
 }

@@ -311,6 +311,10 @@ TEST(Compare, NearlyAllIsNotAllAndASmallChangeIsNotNone) {
   lost(a[0], 0);
   EXPECT_THAT(render(compare(a, b), {}, Format::table),
               ::testing::ContainsRegex("lost % +0 +99.99 +\\+99.99 +\\+99.99 … \\+99.99 points +higher\n"));
+  lost(a[0], 0.02);
+  lost(b[0], 0.0001);  // 1 of 10,000 after 200: 0.5 % of them
+  EXPECT_THAT(render(compare(a, b), {}, Format::table),
+              ::testing::ContainsRegex("lost % +2 +0.01 +-99.5 % +-99.5 % … -99 % +lower\n"));
 }
 
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {

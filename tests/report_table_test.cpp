@@ -92,6 +92,13 @@ TEST(TableFormat, ShowsConfidenceIntervalsAndMissBound) {
   EXPECT_THAT(text, AllOf(HasSubstr("2 bursts"), HasSubstr("longest: 7 messages, due within 70 ms")));
   one.bursts.longest_ns = 999'600'000;
   EXPECT_THAT(render({one}, Format::table), HasSubstr("longest: 7 messages, due within 1 s"));
+  // One of 100,000: its lower limit is far below.
+  one.missed_probability.events = 1;
+  one.missed_probability.sure = {1.2e-7, 6.44e-5};
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("[0.000012, 0.0065]"));
+  one.missed_probability.events = 0;
+  one.missed_probability.bound = 3e-8;
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("≤ 0.000003"));
 }
 
 // A limit in the estimate's place is another number: p99 of 197 µs where JSON has 5218.

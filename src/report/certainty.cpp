@@ -32,17 +32,11 @@ std::string interval(const Interval& ns) {
   return fmt::format("[{}, {}]", microseconds(*ns.low), microseconds(*ns.high));
 }
 
-std::string two_digits(double share) {
-  return share > 0.99 ? report::percent(share) : fmt::format("{:.2g}", share * 100);
-}
-
 std::string interval(const Probability& of) {
-  const auto limit = [](double share) {
-    return share > 0.99 ? two_digits(share) : two_digits(rounded_up(share));
-  };
+  const auto limit = [](double share) { return report::percent(share > 0.99 ? share : rounded_up(share)); };
   if (of.messages == 0) return nothing;
   if (of.events == 0) return "≤ " + limit(of.bound);
-  return fmt::format("[{}, {}]", two_digits(of.sure.low.value_or(0)), limit(of.sure.high.value_or(1)));
+  return fmt::format("[{}, {}]", report::percent(of.sure.low.value_or(0)), limit(of.sure.high.value_or(1)));
 }
 
 std::string time(double ns) {

@@ -63,7 +63,7 @@ std::string in_percent(double ratio) {
   if (ratio >= 11)
     return fmt::format("+{} %", grouped(static_cast<std::uint64_t>(std::llround((ratio - 1) * 100))));
   const double change = (ratio - 1) * 100, size = std::abs(change);
-  const int decimals = ratio > 0 && ratio < 0.005   ? decimals_that_show(ratio * 100)  // something is left
+  const int decimals = ratio > 0 && ratio <= 0.005  ? decimals_that_show(ratio * 100)  // something is left
                        : size > 1e-4 && size < 0.05 ? decimals_that_show(size)         // something changed
                        : size < 10                  ? 1
                                                     : 0;

@@ -155,7 +155,7 @@ std::string percent(double share, int digits) {
   if (rest < 1e-9) return fmt::format("{:.0f}", of_hundred);  // a sum of shares may be beyond by its rounding
   if (rest <= std::pow(10, 2 - digits) / 2) return with(decimals_that_show(rest));
   if (of_hundred > 1e-9 && of_hundred < 1e-4)  // without an exponent
-    return with(decimals_that_show(of_hundred) + digits - 2);
+    return with(decimals_that_show(of_hundred) + digits - 1);
   return fmt::format("{:.{}g}", of_hundred, digits);
 }
 
