@@ -164,7 +164,8 @@ TEST(Judge, ARunTooShortForAShareIsOpen) {
   const auto result = [](const Summary& of) { return judged("lost > 1%", of).result; };
   EXPECT_EQ(result(losing(2, 20)), Result::cannot_judge);
   EXPECT_EQ(result(losing(0, 20)), Result::cannot_judge) << "300 without a loss are needed";
-  EXPECT_THAT(judged("lost > 1%", losing(0, 20)).says, HasSubstr("measure longer"));
+  EXPECT_THAT(judged("lost > 1%", losing(0, 20)).says, HasSubstr("20 messages are"));
+  EXPECT_THAT(judged("lost > 1%", losing(0, 1)).says, HasSubstr("1 message is"));
   EXPECT_EQ(result(losing(0, 1000)), Result::held);
   EXPECT_EQ(result(losing(0, 1000, 20)), Result::held) << "what it can hold hangs on no chance";
   EXPECT_EQ(result(losing(1, 1000, 20)), Result::cannot_judge) << "as many as 50";
@@ -199,6 +200,11 @@ TEST(Judge, UnmeasuredRunsAreOpen) {
     cut_off.run.outcome = outcome;
     for (const auto* gate : {"late > 0", "p99 > 2 ms", "max > 9 ms"})
       EXPECT_EQ(judged(gate, cut_off).result, Result::cannot_judge) << outcome << gate;
+  }
+  auto incomplete = run({});
+  for (const auto& [count, says] : {std::pair(1, "1 of its samples was"), {3, "3 of its samples were"}}) {
+    incomplete.run.outcome = json{{"interrupted", false}, {"dropped_records", count}};
+    EXPECT_THAT(judged("late > 0", incomplete).says, HasSubstr(says));
   }
   auto silent = run({});
   silent.sent = 0;

@@ -330,6 +330,8 @@ TEST(Verdict, says_whether_messages_were_on_time) {
   const auto fine = verdict_of({judged(24'000, 0, 0)});
   EXPECT_EQ(fine.word, Verdict::Word::yes);
   EXPECT_EQ(fine.sentence, "All 24,000 messages came back within the deadline of 10 ms.");
+  EXPECT_EQ(verdict_of({judged(1, 0, 0)}).sentence,
+            "The only message came back within the deadline of 10 ms.");
   const auto bad = verdict_of({judged(100, 2, 1), judged(97, 0, 0)});
   EXPECT_EQ(bad.word, Verdict::Word::no);
   EXPECT_EQ(bad.sentence, "2 of 200 messages missed the deadline of 10 ms, and 1 was lost.");

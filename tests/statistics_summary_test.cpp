@@ -171,6 +171,8 @@ TEST(Summary, IsNotSureOfWhatWasNotRecorded) {
   EXPECT_EQ(missing.missed_probability.messages, 0U);
   EXPECT_FALSE(missing.extremes.maxima || missing.extremes.peaks);
   EXPECT_EQ(missing.extremes.refused, "1500 samples were not recorded");
+  EXPECT_EQ(summary_of(samples, asked_next_free, {{"dropped_records", 1}}).extremes.refused,
+            "1 sample was not recorded");
 }
 
 TEST(Summary, ListenedRunHasNoProbabilityForUnknownFates) {

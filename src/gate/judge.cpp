@@ -82,7 +82,8 @@ std::string too_short_words(const Question& question) {
   const double needed = statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
   if (static_cast<double>(of.messages) >= needed) return "";
   return fmt::format(
-      "{} messages are too few, it takes at least {}: measure longer", grouped(of.messages),
+      "{} too few, it takes at least {}: measure longer",
+      table::many(of.messages, "message is", "messages are"),
       needed < 1e15 ? grouped(static_cast<std::uint64_t>(std::ceil(needed))) : fmt::format("{:.0e}", needed));
 }
 
@@ -307,7 +308,8 @@ std::string unfit(const Summary& run) {
     case Flaw::worst_only:
       return "its file keeps only samples of the worst messages";
     case Flaw::unrecorded:
-      return fmt::format("{} of its samples were not recorded", grouped(statistics::unrecorded(run.run)));
+      return table::many(statistics::unrecorded(run.run), "of its samples was", "of its samples were") +
+             " not recorded";
     case Flaw::misfit:
       return record::misfit_of(run.run.asked, run.run.outcome) + " has an invalid value";
     case Flaw::nothing_sent:

@@ -61,9 +61,11 @@ Verdict verdict_of(const Summaries& summaries) {
                    : unfinished == 0 && flaws.empty() && with_open == 0 && with_limit > 0
                        ? Verdict::Word::yes
                        : Verdict::Word::partly;
-    verdict.sentence = with_limit > 0 ? fmt::format("All {} messages came {}within the {}.", grouped(sent),
-                                                    listened ? "" : "back ", deadline)
-                                      : fmt::format("None of {} messages was lost.", grouped(sent));
+    const auto all =
+        sent == 1 ? std::string("The only message") : fmt::format("All {} messages", grouped(sent));
+    verdict.sentence = with_limit > 0
+                           ? fmt::format("{} came {}within the {}.", all, listened ? "" : "back ", deadline)
+                           : fmt::format("None of {} was lost.", many(sent, "message", "messages"));
   } else {
     verdict.word = Verdict::Word::no;
     std::vector<std::string> parts;

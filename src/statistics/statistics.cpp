@@ -201,7 +201,8 @@ class Pass {
                               &summary_.missed_probability, &summary_.late_by_response_probability})
       *probability = {};
     summary_.extremes = {};
-    summary_.extremes.refused = fmt::format("{} samples were not recorded", missing);
+    summary_.extremes.refused =
+        fmt::format("{} {} not recorded", missing, missing == 1 ? "sample was" : "samples were");
   }
 
   // The answer that those who wait have waited for.
