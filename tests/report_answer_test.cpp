@@ -182,6 +182,9 @@ TEST(Answer, FileWithoutSamplesIsNoSuccess) {
   amend(one.run.outcome, "/dropped_records", 2000);
   const auto answer = answer_of({one}, kept);
   EXPECT_EQ(answer.sentence, "No sample was recorded of 2,000 cycles.");
+  amend(one.run.outcome, "/dropped_records", 1);
+  amend(one.run.outcome, "/sent", 1);
+  EXPECT_EQ(answer_of({one}, kept).sentence, "No sample was recorded of 1 cycle.");
   EXPECT_EQ(answer.rows.front().state, State::not_applied);
 }
 

@@ -122,6 +122,11 @@ TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
   EXPECT_THAT(text, HasSubstr("left out"));
   EXPECT_THAT(text, Not(HasSubstr("Also different")));
   EXPECT_TRUE(text.starts_with("Nothing to compare"));
+  for (const auto& [missed, says] : {std::pair(100, "; 100\\s+cycles\\s"), {1, "; 1\\s+cycle\\s"}}) {
+    b.front() = with_misses("x", "k1", missed);
+    b.front().run.outcome = json{{"interrupted", true}};
+    EXPECT_THAT(answer_of(compare(a, b)), ::testing::ContainsRegex(says));
+  }
 }
 
 TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {

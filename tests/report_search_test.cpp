@@ -77,6 +77,9 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   auto bound = step(0, "100 Hz", 0);
   bound.missed_probability.effect = 1e5;
   EXPECT_THAT(render({bound}, Format::markdown), HasSubstr("< 100 %"));
+  bound.sent = 3'600'000;  // an hour of 1 kHz
+  bound.missed_probability.effect = 1;
+  EXPECT_THAT(render({bound}, Format::markdown), HasSubstr("< 0.000084 %"));
   EXPECT_EQ(searches[0].at("passed").at("messages"), 4000) << "of both repetitions";
   EXPECT_EQ(searches[0].at("ended").at("value"), "400 Hz") << "in one of its repetitions";
   EXPECT_EQ(searches[0].at("ended").at("late"), 3);

@@ -141,8 +141,8 @@ struct CountedApart {
 
 std::string no_sample_words(const CountedApart& counted) {
   std::vector<std::string> all;
-  if (counted.cycles.all > 0) all.push_back(grouped(counted.cycles.all) + " cycles");
-  if (counted.messages.all > 0) all.push_back(grouped(counted.messages.all) + " messages");
+  if (counted.cycles.all > 0) all.push_back(many(counted.cycles.all, "cycle", "cycles"));
+  if (counted.messages.all > 0) all.push_back(many(counted.messages.all, "message", "messages"));
   return all.empty() ? "" : fmt::format("No sample was recorded of {}.", join(all, " and "));
 }
 

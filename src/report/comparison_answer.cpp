@@ -234,10 +234,11 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
         const auto missed = statistics::fates_of(*run).not_in_time;
         cautions.push_back(caution_of(
             "left out: " + names.back(),
-            gate::unfit(*run) + (missed > 0
-                                     ? fmt::format("; {} {} not in time", grouped(missed),
-                                                   run->run.asked.is_listened() ? "messages" : "cycles")
-                                     : ""),
+            gate::unfit(*run) +
+                (missed > 0 ? fmt::format("; {} not in time", run->run.asked.is_listened()
+                                                                  ? many(missed, "message", "messages")
+                                                                  : many(missed, "cycle", "cycles"))
+                            : ""),
             room));
       }
   auto remarks = shared_remarks(runs);
