@@ -323,6 +323,7 @@ TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   amend(b[1].run.outcome, "/dropped_records", 4000);
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4,000 "));
+  EXPECT_THAT(text, HasSubstr("A: 1 run; B: 1 of 2 runs\n")) << "no mean of two";
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
   const auto to = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
   EXPECT_EQ(to.at("runs").size(), 1u);

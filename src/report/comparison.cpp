@@ -96,7 +96,7 @@ std::string change_cell(const Quantity& row, const statistics::Change& change) {
   return difference_of(row, change.to - change.from) + (lies(row, change) == nothing ? unit_of(row) : "");
 }
 
-bool is_single(const Pair& pair) { return pair.from.size() + pair.to.size() == 2; }
+bool is_single(const Pair& pair) { return whole(pair.from).size() + whole(pair.to).size() <= 2; }
 
 // A percentile that needs more messages than one of the runs has.
 bool is_beyond(const Pair& pair, const Quantity& row) {
@@ -122,10 +122,12 @@ std::uint64_t answers_of(const Runs& runs) {
   return answers;
 }
 
-// "A: before.ontime, 3 runs; B: after.ontime, 3 runs".
+// "A: before.ontime, 3 runs; B: after.ontime, 2 of 3 runs", where one is left out.
 std::string sides_text(const Comparison& comparison, const Pair& pair) {
   const auto side = [](const char* letter, const std::string& name, const Runs& runs) {
-    return fmt::format("{}: {}{}", letter, name == letter ? "" : name + ", ",
+    const auto used = whole(runs).size();
+    return fmt::format("{}: {}{}{}", letter, name == letter ? "" : name + ", ",
+                       used < runs.size() ? fmt::format("{} of ", used) : "",
                        many(runs.size(), "run", "runs"));
   };
   return side("A", comparison.from_name, pair.from) + "; " + side("B", comparison.to_name, pair.to) +
