@@ -241,9 +241,10 @@ TEST_F(Page, has_each_figure_as_json_has_it) {
   add_run(asked("a", "udp"), outcome(),
           {sample(0, 1'234'567), sample(1, 20 * ms, Fate::late), sample(2, 0, Fate::lost)});
   const auto html = page();
-  for (const auto* cell : {"data-figure=\"sent\" value=\"3\"", "data-figure=\"late\" value=\"1\"",
-                           "data-figure=\"lost\" value=\"1\"", "data-figure=\"min\" value=\"1234.567\"",
-                           "data-figure=\"max\" value=\"20000.000\""})
+  for (const auto* cell :
+       {"data-figure=\"sent\" value=\"3\"", "data-figure=\"late\" value=\"1\"",
+        "data-figure=\"lost\" value=\"1\"", "data-figure=\"min\" value=\"1234.567\"",
+        "data-figure=\"mean\" value=\"10617.284\"", "data-figure=\"max\" value=\"20000.000\""})
     EXPECT_THAT(html, HasSubstr(cell));
 }
 

@@ -2,6 +2,7 @@
 #include "page/page.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 
@@ -33,11 +34,11 @@ std::string heading_of(const Summary& summary) {
   return title == nothing ? id : id + " · " + title;
 }
 
-// The exact value for programs; `shown`, as in the tables, for users.
+// The exact value for programs, rounded as in JSON; `shown`, as in the tables, for users.
 std::string time_cell(const std::string& shown, double ns, const char* name) {
   if (shown == nothing) return "<td class=\"number\">–</td>";
   return fmt::format("<td class=\"number\"><data data-figure=\"{}\" value=\"{:.3f}\">{}</data></td>", name,
-                     ns / 1e3, escaped(shown));
+                     std::round(ns) / 1e3, escaped(shown));
 }
 
 std::string count_cell(std::uint64_t count, const char* name, bool is_fault) {
