@@ -164,6 +164,14 @@ TEST(Csv, HasAStableHeader) {
       "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max"));
 }
 
+TEST(Json, BurstsAreUnknownWhereOnlyTheWorstMessagesAreKept) {
+  auto worst = summary(asked("a", "udp"), outcome());
+  worst.has_worst_only = true;
+  worst.late = 12;
+  EXPECT_EQ(json::parse(render({worst}, Format::json)).at("runs").at(0).at("bursts"), nullptr);
+  EXPECT_EQ(row_by_name(render({worst}, Format::csv), 0).at("bursts_longest"), "");
+}
+
 TEST(Csv, SaysWhatTheJsonSays) {
   auto whole = summary(asked("a", "udp"), outcome());
   whole.late_by_response = 7;

@@ -282,9 +282,11 @@ void add_certainty(ordered_json& run, const Summary& summary) {
                         {"lost", json_of(summary.lost_probability)},
                         {"missed", json_of(summary.missed_probability)},
                         {"late_by_response", json_of(summary.late_by_response_probability)}};
-  run["bursts"] = {{"count", summary.bursts.count},
-                   {"longest", summary.bursts.longest},
-                   {"longest_ms", static_cast<double>(summary.bursts.longest_ns) / 1e6}};
+  run["bursts"] = nullptr;
+  if (!summary.has_worst_only)
+    run["bursts"] = {{"count", summary.bursts.count},
+                     {"longest", summary.bursts.longest},
+                     {"longest_ms", static_cast<double>(summary.bursts.longest_ns) / 1e6}};
   run["extremes"] = json_of(summary.extremes);
   const auto& missed = summary.missed_probability;
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
