@@ -222,6 +222,7 @@ TEST(Words, HoursAreNoLongNumberOfSeconds) {
   EXPECT_EQ(duration(90min), "1.5 h");
   EXPECT_EQ(duration(24h), "24 h");
   EXPECT_EQ(duration(24h * 365), "8760 h");
+  EXPECT_EQ(duration(1'000'001s), "1000001 s");
 }
 
 TEST(Answer, LongWordsThatAreCutStayApart) {

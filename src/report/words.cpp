@@ -110,6 +110,7 @@ double rounded_up(double number) {
 std::string duration(std::chrono::nanoseconds time) {
   const auto value = static_cast<double>(time.count()) / 1e3;
   if (value >= 3600e6 && std::fmod(value, 360e6) == 0) return fmt::format("{:.6g} h", value / 3600e6);
+  if (value >= 999'999.5e6) return fmt::format("{:.0f} s", value / 1e6);  // without an exponent
   if (value >= 1e6) return fmt::format("{:.6g} s", value / 1e6);
   if (value >= 1e3) return fmt::format("{:.6g} ms", value / 1e3);
   return fmt::format("{:.6g} µs", value);
