@@ -183,7 +183,7 @@ std::string change_words(const Gate& gate, const statistics::Change& change) {
   if (change.ratio && gate.kind == Gate::Limit::ratio) {
     const auto in_percent = [](double ratio) {
       if (ratio > 100) return std::string("over 100 times");
-      if (ratio < 1) return "-" + table::percent(1 - ratio, 3) + " %";  // nearly all is not 100 %
+      if (ratio < 1) return table::percent(ratio - 1, 3) + " %";  // nearly all is not 100 %
       const double percent = (ratio - 1) * 100;
       return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
     };
