@@ -215,7 +215,7 @@ std::vector<std::string> values_of(const Summaries& runs, const std::string& key
 
 std::string words_of_value(const std::string& stated, const std::string& value) {
   const auto key = conditions::current_key(stated);
-  auto recorded = json::parse(value, nullptr, false);
+  auto recorded = record::json_of(value).value_or(nullptr);
   if (recorded.is_object()) try {
       const auto words = words_of_group(key, recorded);
       return words.empty() ? value : words;
