@@ -119,6 +119,22 @@ TEST_F(OnTheWire, MessageOfWhichAFragmentIsMissingIsLost) {
   EXPECT_EQ(flow().lost, 1U);
 }
 
+// Fast DDS announces a large message while its fragments are under way.
+TEST_F(OnTheWire, AnnouncedMessageWhoseFragmentsAreUnderWayIsNotLost) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().fragment(2, 1, 1, 3).heartbeat(1, 2));
+  EXPECT_EQ(flow().lost, 0U);
+  arrive(Rtps().fragment(2, 2, 2, 3).heartbeat(1, 3));
+  EXPECT_EQ(flow().messages, 2U);
+  EXPECT_EQ(flow().lost, 1U);
+}
+
+TEST_F(OnTheWire, LastMessagesThatLackAFragmentAreLost) {
+  arrive(Rtps().data(1));
+  for (unsigned number = 2; number <= 5; ++number) arrive(Rtps().fragment(number, 1, 1, 2));
+  EXPECT_EQ(flow().lost, 3U);  // 5 may be under way
+}
+
 TEST_F(OnTheWire, FragmentsOfManyMessagesMayBeMixed) {
   for (unsigned fragment = 1; fragment <= 2; ++fragment)
     for (unsigned number = 1; number <= 60; ++number) arrive(Rtps().fragment(number, fragment, 1, 2));
@@ -214,6 +230,7 @@ TEST_F(LossRows, EndOfTheSourceDecidesEachLossOnce) {
   for (unsigned number = 1; number <= 100; ++number)
     if (number != 97) seen(number, 2);
   arrive(Rtps().heartbeat(1, 101), "127.0.0.1:7411", true);
+  arrive(Rtps().stamp(1003, 0).fragment(102, 1, 1, 2).heartbeat(1, 102), "127.0.0.1:7411", true);
   EXPECT_TRUE(lost.empty());
   wire.end();
   wire.end();

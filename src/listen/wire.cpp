@@ -118,6 +118,13 @@ bool Wire::completes(Stream& stream, const rtps::Data& data) {
   return partial.count == fragments.total;
 }
 
+// Whether the latest number is of a message that lacks fragments: they may come.
+bool Wire::is_under_way(const Stream& stream) {
+  const auto latest = stream.sequence.next() - 1;
+  return stream.sequence.is_missing(latest) &&
+         std::ranges::find(stream.partial, latest, &Partial::sequence) != stream.partial.end();
+}
+
 // If it is full, the oldest complete message goes first: it only serves to recognize repeated fragments.
 Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uint32_t fragments) {
   auto& partial = stream.partial;
@@ -180,7 +187,12 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     pass_over_before(*stream, data.sequence);
     stream->has_new_reader = false;
   }
-  if (data.fragments && !completes(*stream, data)) return;
+  if (data.fragments && !completes(*stream, data)) {
+    // Its writer has published it, and those before it.
+    if (!stream->is_broken && data.sequence < stream->sequence.next() + longest_leap)
+      stream->sequence.announce(data.sequence);
+    return;
+  }
   if (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap) {
     restart(*stream);
     stream->is_broken = true;
@@ -272,7 +284,7 @@ void Wire::keep_all_losses(Stream& stream) {
 void Wire::end() {
   for (auto& [guid, stream] : streams_) {
     // A heartbeat may have announced more: published after the last one, nothing tells how much later.
-    const auto last = std::max<std::uint64_t>(stream.sequence.next(), 1) - 1;
+    const auto last = std::max<std::uint64_t>(stream.sequence.next(), 1) - 1 - (is_under_way(stream) ? 1 : 0);
     if (!stream.is_broken && stream.last_stamped > 0 && last > stream.last_stamped) {
       const auto first = std::exchange(stream.last_stamped, last) + 1;
       stream.holes.push_back({first, last, stream.last_stamp_ns, stream.last_stamp_ns});
@@ -302,7 +314,7 @@ Findings Wire::findings() const {
     Flow flow = stream;
     flow.topic = topic_of(guid);
     flow.reader = {0, *destinations.begin() + (count > 1 ? fmt::format(" and {} more", count - 1) : "")};
-    flow.lost = stream.sequence.lost();
+    flow.lost = stream.sequence.lost() - (is_under_way(stream) ? 1 : 0);
     findings.flows.push_back(std::move(flow));
   }
   std::ranges::sort(findings.flows, {},

@@ -73,6 +73,7 @@ class Wire {
   void resume(Stream&, std::uint64_t number);
   static void pass_over_before(Stream&, std::uint64_t number);
   static bool completes(Stream&, const rtps::Data&);
+  static bool is_under_way(const Stream&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
   // Of those holes for which is_decided() is true, the oldest first.
