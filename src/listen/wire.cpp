@@ -187,6 +187,11 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     pass_over_before(*stream, data.sequence);
     stream->has_new_reader = false;
   }
+  // A copy to another destination is for another reader. On another interface it is the same packet, or one
+  // for another network. Of one in fragments another copy may complete the message.
+  const Way way{datagram.destination, datagram.source, datagram.interface};
+  const bool has_room = stream->ways.size() < most_ways || stream->ways.contains(way);
+  auto* const own = has_room ? &stream->ways[way] : nullptr;
   if (data.fragments && !completes(*stream, data)) {
     // Its writer has published it, and those before it.
     if (!stream->is_broken && data.sequence < stream->sequence.next() + longest_leap)
@@ -200,12 +205,8 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
     resume(*stream, data.sequence);
   }
   const auto fate = stream->sequence.see(data.sequence);
-  // A copy to another destination is for another reader. On another interface it is the same packet, or one
-  // for another network.
-  const Way way{datagram.destination, datagram.source, datagram.interface};
-  if (stream->ways.size() < most_ways || stream->ways.contains(way))
-    if (stream->ways[way].see(data.sequence) == Sequence::Fate::again && fate == Sequence::Fate::again)
-      ++stream->duplicated;
+  if (own != nullptr && own->see(data.sequence) == Sequence::Fate::again && fate == Sequence::Fate::again)
+    ++stream->duplicated;
   if (fate != Sequence::Fate::in_order && fate != Sequence::Fate::overtaken) return;
   // A heartbeat ahead of its message does not make it out of order.
   if (data.sequence < stream->last_seen) ++stream->reordered;
