@@ -277,7 +277,8 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   const auto& counters = outcome.counters;
   count(Weight::detail, "duplicates", counters.duplicates);
   count(Weight::detail, "stray answers", counters.strays);
-  count(Weight::detail, "answers out of order", counters.reordered);
+  count(Weight::detail, summary.run.asked.is_listened() ? "messages out of order" : "answers out of order",
+        counters.reordered);
   count(Weight::caution, "answers with another payload size, ignored", counters.wrong_size);
   count(Weight::caution, "answers with server times outside their round trips", counters.wrong_server_times);
   count(Weight::detail, "messages refused by the transport", counters.refused_sends);

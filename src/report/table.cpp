@@ -191,8 +191,9 @@ std::string judged_by(const Summaries& summaries) {
   const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
   if (any(is_listened))
     text =
-        "Age: from the writer's timestamp until the message was taken. Period: from one message to the next. "
-        "Late: beyond the limit. Lost: published and never taken. ";
+        "Age: from the writer's timestamp (of a bag: header.stamp, or publish time) until the message was "
+        "taken, captured or recorded. Period: from one message to the next. Late: beyond the limit. Lost: "
+        "published, and not seen there. ";
   if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
   text += fmt::format("Missed deadlines: answered later than {}",
                       common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
