@@ -36,7 +36,7 @@ TEST(Gnuplot, draws_how_long_cycles_waited_that_passed_without_a_message) {
   run.response.max = 3'000 * ms;
   run.shape.slice_ns = 10 * ms;
   run.shape.slices = {{.sent = 1, .min_ns = 100'000, .p50_ns = 100'000, .max_ns = 100'000},
-                      {.skipped_cycles = 300, .response_max_ns = 3'000 * ms}};
+                      {.skipped_cycles = 300, .skipped_wait_max_ns = 3'000 * ms}};
   const auto commands = gnuplot_of({run}, {});
   EXPECT_THAT(commands, HasSubstr("300 cycles without a message"));
   EXPECT_THAT(commands, HasSubstr("$passed0 << END\n0.015 3000\n"));

@@ -31,7 +31,7 @@ TEST(Shape, HidesNoExtreme) {
     all.lost += slice.lost;
     all.skipped_cycles += slice.skipped_cycles;
     all.max_ns = std::max(all.max_ns, slice.max_ns);
-    all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
+    all.skipped_wait_max_ns = std::max(all.skipped_wait_max_ns, slice.skipped_wait_max_ns);
     EXPECT_LE(slice.min_ns, slice.p50_ns);
     EXPECT_LE(slice.p50_ns, slice.max_ns);
   }
@@ -40,7 +40,7 @@ TEST(Shape, HidesNoExtreme) {
   EXPECT_EQ(all.lost, summary.lost);
   EXPECT_EQ(all.skipped_cycles, summary.skipped_cycles);
   EXPECT_EQ(all.max_ns, summary.round_trip.max);
-  EXPECT_EQ(all.response_max_ns, summary.response.max);
+  EXPECT_EQ(all.skipped_wait_max_ns, summary.response.max);
   const auto count = [](const Histogram& bins) {
     return std::accumulate(bins.begin(), bins.end(), std::uint64_t{0},
                            [](auto sum, const Bin& bin) { return sum + bin.count; });
@@ -136,8 +136,18 @@ TEST(Shape, ShowsAStallWhereItWas) {
   EXPECT_EQ(slices[0].skipped_cycles, 9u);
   EXPECT_EQ(slices[15].sent, 0u);
   EXPECT_EQ(slices[15].skipped_cycles, 10u);
-  EXPECT_EQ(slices[15].response_max_ns, 1510 * ms + 52 * us) << "from 1.5 s after the start to the answer";
+  EXPECT_EQ(slices[15].skipped_wait_max_ns, 1510 * ms + 52 * us)
+      << "from 1.5 s after the start to the answer";
   EXPECT_EQ(slices[30].sent, 2u);
+}
+
+TEST(Shape, WaitOfSkippedCyclesIsNotThatOfALateMessageBesideThem) {
+  const auto summary =
+      summary_of({answered(0, 1000 * ms, 0, 70 * ms), answered(1, 1010 * ms, 2, us)}, asked_next_free);
+  const auto& slice = summary.shape.slices.at(0);  // of 100 ms
+  EXPECT_EQ(slice.skipped_cycles, 2u);
+  EXPECT_EQ(summary.response.max, 70 * ms + 51 * us);
+  EXPECT_EQ(slice.skipped_wait_max_ns, 20 * ms + 52 * us);
 }
 
 TEST(Shape, KeepsTheWorstWithTheirBackground) {

@@ -46,7 +46,7 @@ json slices_of(const statistics::Shape& shape) {
   auto medians = json::array(), stalls = json::array();
   for (const auto& slice : shape.slices) {
     if (slice.skipped_cycles > 0)
-      stalls.push_back({medians.size(), slice.skipped_cycles, drawn(slice.response_max_ns)});
+      stalls.push_back({medians.size(), slice.skipped_cycles, drawn(slice.skipped_wait_max_ns)});
     medians.push_back(slice.sent > slice.lost ? json(drawn(slice.p50_ns)) : json());
   }
   return {{"slice_ns", shape.slice_ns},

@@ -41,7 +41,7 @@ std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t mo
       all.late += slice.late;
       all.lost += slice.lost;
       all.skipped_cycles += slice.skipped_cycles;
-      all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
+      all.skipped_wait_max_ns = std::max(all.skipped_wait_max_ns, slice.skipped_wait_max_ns);
       if (slice.sent == slice.lost) continue;
       all.min_ns = medians.empty() ? slice.min_ns : std::min(all.min_ns, slice.min_ns);
       all.max_ns = std::max(all.max_ns, slice.max_ns);
@@ -90,7 +90,7 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
     if (of.late > 0) late += segment(at, max_ms, max_ms);
     if (of.lost > 0) lost += fmt::format("{:.6g} 0.95\n", at);
     if (of.skipped_cycles > 0)
-      passed += segment(at, range.at(of.response_max_ns), range.at(of.response_max_ns));
+      passed += segment(at, range.at(of.skipped_wait_max_ns), range.at(of.skipped_wait_max_ns));
   }
   std::vector<std::string> parts;
   const auto add = [&](const char* name, const std::string& lines, const std::string& with) {

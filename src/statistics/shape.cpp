@@ -48,7 +48,7 @@ void merge(Slice& all, const Slice& other, bool lower) {
   all.late += other.late;
   all.lost += other.lost;
   all.skipped_cycles += other.skipped_cycles;
-  all.response_max_ns = std::max(all.response_max_ns, other.response_max_ns);
+  all.skipped_wait_max_ns = std::max(all.skipped_wait_max_ns, other.skipped_wait_max_ns);
 }
 
 }  // namespace
@@ -113,7 +113,6 @@ void Timeline::add(const Sample& sample) {
   }
   if (sample.fate == Fate::late) ++slice.late;
   round_trips_.push_back(between(sample.sent_ns, sample.received_ns));
-  slice.response_max_ns = std::max(slice.response_max_ns, between(sample.due_ns, sample.received_ns));
 }
 
 void Timeline::close() {
@@ -156,7 +155,7 @@ void Timeline::skipped(const Series& cycles) {
 
 void Timeline::answered(const Series& cycles, std::int64_t at_ns) {
   each_slice(cycles, [&](Slice& slice, std::uint64_t, std::int64_t due_ns) {
-    slice.response_max_ns = std::max(slice.response_max_ns, between(due_ns, at_ns));
+    slice.skipped_wait_max_ns = std::max(slice.skipped_wait_max_ns, between(due_ns, at_ns));
   });
 }
 

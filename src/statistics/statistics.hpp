@@ -52,7 +52,7 @@ struct Ranked {
 struct Slice {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
   std::int64_t min_ns = 0, p50_ns = 0, max_ns = 0;  // of round trips
-  std::int64_t response_max_ns = 0;                 // of the cycles due here, skipped ones too
+  std::int64_t skipped_wait_max_ns = 0;             // of the skipped cycles due here: until an answer came
 };
 
 // One of the longest waits that a message caused, with the messages before and after it.
