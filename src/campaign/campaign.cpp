@@ -98,6 +98,7 @@ class Suite {
         }
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
+        observer_.does("ending");
         coordinator_.drain();  // samples that are here, and not yet read
         record::Outcome interrupted;
         interrupted.interrupted = true;
@@ -141,6 +142,7 @@ class Suite {
   // the exit code: 0 if the failure is the end of a search.
   int failed(Session& session, const Run& run, const Numbers& numbers, const json& record, const Why& why,
              int exit) {
+    observer_.does("ending");
     auto outcomes = session.salvage();
     bool ends = false;
     for (std::size_t i = 0; i < numbers.size(); ++i) {

@@ -74,6 +74,12 @@ roundtrip::Counters Session::counters() const {
   return sum;
 }
 
+// The keepers answer each step in spite of an interruption. The next one does not begin then.
+void Session::next(const std::string& step) {
+  if (coordinator_.interrupted(0)) throw orders::Interrupted{};
+  observer_.does(step);
+}
+
 std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   check_pollers(runs_, machines_);
   if (machines_.lacks_namespaces())
@@ -83,26 +89,26 @@ std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
                                     "Fix: run it as root",
                                     {},
                                     {}});
-  if (!run_.kernel.empty() || run_.isolation.any()) observer_.does("applying settings");
+  if (!run_.kernel.empty() || run_.isolation.any()) next("applying settings");
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();
   if (run_.controller_load.any() || run_.component_load.any() || run_.traffic.any())
-    observer_.does("starting load and traffic");
+    next("starting load and traffic");
   for (const auto& text : machines_.load(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"load-scaled", text, {}, {}});
   if (run_.explain) {
-    observer_.does("starting traces");
+    next("starting traces");
     machines_.trace([this](const auto& host, trace::Window window) {
       if (const auto number = Windows::number_of(window); number < windows_.size())
         windows_[number].take(host, std::move(window));
     });
     for (std::size_t i = 0; i < runs_.size(); ++i) windows_.emplace_back(machines_, runs_[i], i);
   }
-  observer_.does(waiting_for(run_, machines_.hosts().kind));
+  next(waiting_for(run_, machines_.hosts().kind));
   for (auto& pair : pairs_) pair->make_ready(wait);
   if (run_.listening.any()) {
-    observer_.does("setting probes");
+    next("setting probes");
     observer_.begins_listening(run_);
     coordinator_.until([this] { return observer_.listens(); }, 1);
   }

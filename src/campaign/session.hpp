@@ -30,6 +30,7 @@ class Session {
 
  private:
   using Clock = std::chrono::steady_clock;
+  void next(const std::string& step);
   void finish(std::chrono::nanoseconds patience);
   bool component_is_gone(const std::string& why);
   void restart_components();

@@ -51,6 +51,26 @@ class Endings(Program):
         self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
         self.assertEqual(run["sent"], self.samples_recorded())
 
+    def test_interrupted_before_the_first_message_it_begins_nothing_more(self):
+        master, slave = os.openpty()
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--explain",
+                                    "--results", self.results], stdin=slave, stdout=slave, stderr=slave,
+                                   env={**self.environment, "TERM": "xterm"})
+        self.addCleanup(process.kill)
+        os.close(slave)
+        shown = ""
+        with contextlib.suppress(OSError):  # the other side was closed
+            while part := os.read(master, 4096).decode():
+                if "starting load" not in shown and "starting load" in shown + part:
+                    process.send_signal(signal.SIGINT)
+                shown += part
+        os.close(master)
+        self.assertEqual(process.wait(timeout=180), 130, shown)
+        steps = list(dict.fromkeys(re.findall(r"udp  ([\w ]+) …", shown)))
+        self.assertEqual(steps[steps.index("starting load and traffic") + 1:], ["ending"], shown)
+        self.assertTrue(eventually(self.nothing_left), self.what_is_left())
+        self.assertTrue(self.report()[0]["interrupted"])
+
     def test_interrupted_twice_it_leaves_and_keeps_what_it_had(self):
         self.interrupted(2)
         self.assertGreater(self.samples_recorded(), 50)
