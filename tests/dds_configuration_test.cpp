@@ -140,6 +140,17 @@ TEST_F(CycloneXml, InvalidXmlIsRefusedWithItsLine) {
                   "wrong input: cyclonedds: cannot open the configuration " + path + ".no");
 }
 
+TEST_F(CycloneXml, FolderOrEmptyFileIsRefusedByName) {
+  Config config = config_of(Role::client);
+  config.options["config"] = "/proc";
+  expect_contains(refusal(transport_, config),
+                  "wrong input: cyclonedds: cannot open the configuration /proc");
+  config.options["config"] = write("");
+  expect_contains(refusal(transport_, config), "named by option config");
+  set_environment("CYCLONEDDS_URI", "file:///proc");
+  expect_contains(refusal(transport_, config_of(Role::client)), "/proc, named by CYCLONEDDS_URI");
+}
+
 TEST_F(CycloneXml, AnElementThatThereIsNotIsNamed) {
   const auto said = [&](const std::string& elements) {
     set_environment("CYCLONEDDS_URI", domain(elements));

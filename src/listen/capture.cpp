@@ -214,7 +214,9 @@ std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits& limi
       pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, text.data()),
       pcap_close);
   const std::string why(text.data());  // with the path, or without it
-  if (!handle) throw WrongInput(why.starts_with(path + ": ") ? why : fmt::format("{}: {}", path, why));
+  if (!handle)
+    throw WrongInput(fmt::format("{}. Fix: name a capture of tcpdump or Wireshark (pcap, pcapng)",
+                                 why.starts_with(path + ": ") ? why : fmt::format("{}: {}", path, why)));
   try {
     return std::make_unique<Capture>(std::move(handle), false, limits);
   } catch (const Error& error) {  // of another kind of link

@@ -2,8 +2,10 @@
 #include "transport/xml.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <fstream>
 #include <sstream>
+#include <system_error>
 
 #include <boost/property_tree/xml_parser.hpp>
 
@@ -26,7 +28,11 @@ Document parse(std::istream& in, const std::string& origin, const std::string& w
 
 Document parse_file(const std::string& path, const std::string& named_by, const std::string& who) {
   std::ifstream in(path);
-  if (!in) throw Error(who + ": cannot open the configuration " + path + ", named by " + named_by);
+  // A folder can be opened, but not read. Of it, and of an empty file, the reader of XML has no plain words.
+  in.peek();
+  if (!in.good())
+    throw Error(who + ": cannot open the configuration " + path + ", named by " + named_by + ": " +
+                (in.eof() ? "it is empty" : std::generic_category().message(errno)));
   return parse(in, path, who);
 }
 

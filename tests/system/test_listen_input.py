@@ -150,6 +150,7 @@ class Input(unittest.TestCase):
                                   timeout=60)
             self.assertEqual(done.returncode, 2, done.stderr)
             self.assertEqual(done.stderr.count(name), 1, done.stderr)
+            self.assertIn("pcapng", done.stderr)
 
     def test_capture_of_another_link_is_wrong_input(self):
         (self.folder / "wlan.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 105))
