@@ -69,12 +69,14 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
   auto unknown = command.remaining(true);
   if (unknown.empty()) unknown = from->remaining(true);  // before the command: "ontime help ping"
   std::string text = error.what();
-  if (!unknown.empty() && dynamic_cast<const CLI::RequiredError*>(&error) != nullptr &&
-      !command.get_subcommands({}).empty())
-    text = "unknown command '" + unknown.front() + "'";
-  else if (!unknown.empty() && dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr)
-    text = (unknown.front().starts_with('-') ? "unknown option '" : "unexpected argument '") +
-           unknown.front() + "'";
+  const bool lacks_command =
+      dynamic_cast<const CLI::RequiredError*>(&error) != nullptr && !command.get_subcommands({}).empty();
+  if (!unknown.empty() && (lacks_command || dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr))
+    text = fmt::format("{} '{}'",
+                       unknown.front().starts_with('-') ? "unknown option"
+                       : lacks_command                  ? "unknown command"
+                                                        : "unexpected argument",
+                       unknown.front());
   // CLI11 counts: "--duration: At Most 1 required but received 2".
   else if (const auto end = text.find(": At Most 1 required"); end != text.npos)
     text.replace(end, text.npos, " is given twice");

@@ -70,6 +70,11 @@ class Newcomer(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
 
+    def test_a_mistyped_option_is_not_called_a_command(self):
+        for arguments in (["--verison"], ["tune", "--verison"]):
+            with self.subTest(arguments):
+                self.assertIn("option '--verison'", self.ontime(*arguments, code=2).stderr)
+
     def test_an_interrupted_run_says_once_how_to_go_on(self):
         for name in ("one", "two"):
             (self.folder / f"{name}.yaml").write_text(f"hosts: loopback\nruns: [{{id: {name}, transport: udp, duration: 60 s}}]\n")
