@@ -342,24 +342,32 @@ TEST_F(RecordTest, ReadsInAReadOnlyPlace) {
   EXPECT_THAT(error_of([&] { Writer writer(path_); }), AllOf(HasSubstr(path_), HasSubstr("read-only")));
 }
 
+// Root may read and write everywhere, so it becomes another user for this.
+template <class Action>
+std::string error_of_nobody(const Action& action) {
+  constexpr uid_t nobody = 65534;
+  const bool root = ::geteuid() == 0;
+  EXPECT_EQ(::seteuid(root ? nobody : ::geteuid()), 0);
+  auto error = error_of(action);
+  EXPECT_EQ(::seteuid(root ? 0 : ::geteuid()), 0);
+  return error;
+}
+
 TEST_F(RecordTest, FileThatMayNotBeWritten) {
   { Writer(path_).begin_run({}); }
   fs::permissions(path_, fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
-  // Root may write everywhere, so it becomes another user for this.
-  const bool root = ::geteuid() == 0;
-  constexpr uid_t nobody = 65534;
-  if (root) {
-    ASSERT_EQ(::seteuid(nobody), 0);
-  }
-  const auto error = error_of([&] { Writer writer(path_); });
-  const auto readable = error_of([&] { EXPECT_EQ(Reader(path_).runs().size(), 1u); });
-  const auto folder = error_of([&] { Writer writer("/ontime-test-of-nobody.ontime"); });
-  if (root) {
-    ASSERT_EQ(::seteuid(0), 0);
-  }
-  EXPECT_THAT(error, AllOf(HasSubstr(path_), HasSubstr("read-only")));
-  EXPECT_EQ(readable, "");
-  EXPECT_THAT(folder, AllOf(HasSubstr("cannot be opened"), HasSubstr("Permission denied")));
+  EXPECT_THAT(error_of_nobody([&] { Writer writer(path_); }),
+              AllOf(HasSubstr(path_), HasSubstr("read-only")));
+  EXPECT_EQ(error_of_nobody([&] { EXPECT_EQ(Reader(path_).runs().size(), 1u); }), "");
+  EXPECT_THAT(error_of_nobody([&] { Writer writer("/ontime-test-of-nobody.ontime"); }),
+              AllOf(HasSubstr("cannot be opened"), HasSubstr("Permission denied")));
+}
+
+TEST_F(RecordTest, FileThatMayNotBeReadIsNamedAndNotItsFolder) {
+  { Writer(path_).begin_run({}); }
+  fs::permissions(path_, fs::perms::none);
+  EXPECT_THAT(error_of_nobody([&] { Reader reader(path_); }), HasSubstr("(" + path_ + ": Permission denied"));
+  EXPECT_THAT(error_of_nobody([&] { Writer writer(path_); }), HasSubstr("(" + path_ + ": Permission denied"));
 }
 
 TEST_F(RecordTest, FullDiskKeepsWhatWasCommitted) {

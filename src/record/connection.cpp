@@ -6,6 +6,7 @@
 #include <climits>
 #include <filesystem>
 #include <system_error>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -35,9 +36,12 @@ std::string reason(sqlite3* handle) {
 // SQLite tries again to read what it could not open to write, and has forgotten then why.
 std::string why_not_opened(const std::string& path, sqlite3* handle) {
   if (path.empty()) return reason(handle);
-  const auto folder = std::filesystem::absolute(path).parent_path();
-  if (faccessat(AT_FDCWD, folder.c_str(), W_OK | X_OK, AT_EACCESS) != 0)
-    return fmt::format("{}: {}", folder.string(), std::generic_category().message(errno));
+  const auto file = std::filesystem::absolute(path), folder = file.parent_path();
+  // A folder that can only be read has no place for the files beside; but first, the file must be readable.
+  for (const auto& [one, wanted] :
+       {std::pair(folder, X_OK), std::pair(file, R_OK), std::pair(folder, W_OK | X_OK)})
+    if (faccessat(AT_FDCWD, one.c_str(), wanted, AT_EACCESS) != 0 && (one == folder || errno != ENOENT))
+      return fmt::format("{}: {}", one.string(), std::generic_category().message(errno));
   return reason(handle);
 }
 
