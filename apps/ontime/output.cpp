@@ -72,9 +72,11 @@ std::string wrapped_lines(const std::string& text, std::size_t width) {
 std::string for_terminal(std::string text, int descriptor) {
   if (isatty(descriptor) == 0 || locale_is_utf8()) return text;
   const std::pair<const char*, const char*> plain[] = {
-      {"µ", "u"},  {"≥", ">="}, {"≤", "<="}, {"–", "-"}, {"…", "..."}, {"×", "x"},   {"±", "+-"},
-      {"→", "->"}, {"−", "-"},  {"█", "#"},  {"·", "."}, {"’", "'"},   {"⁻⁶", "^-6"}};
+      {"µ", "u"}, {"≥", ">="}, {"≤", "<="}, {"–", "-"}, {"…", "..."},  {"×", "x"}, {"±", "+-"}, {"→", "->"},
+      {"−", "-"}, {"█", "#"},  {"·", "."},  {"’", "'"}, {"⁻⁶", "^-6"}, {"†", "#"}, {"é", "e"}};
   for (const auto& [sign, with] : plain) boost::algorithm::replace_all(text, sign, with);
+  // One sign for each other character, so that columns stay aligned.
+  std::erase_if(text, [](unsigned char c) { return (c & 0xC0) == 0x80; });
   for (auto& c : text)
     if (static_cast<unsigned char>(c) >= 0x80) c = '?';
   return text;
