@@ -164,7 +164,7 @@ TEST(RenderExplained, CausesWithTheSameRemedyStandTogetherAboveIt) {
       {group_of(5, "backup", "move it"), group_of(4, "hog", "stop it"), group_of(3, "cron", "stop it")});
   EXPECT_THAT(render_explained({one}, Format::table, 200),
               ::testing::MatchesRegex(
-                  "run [^\n]*\n +4 [^\n]*hog[^\n]*\n +3 [^\n]*cron[^\n]*\n +→ for these 2: stop it\n"
+                  "run [^\n]*\n +4 [^\n]*hog[^\n]*\n +3 [^\n]*cron[^\n]*\n +→ for these 2 causes: stop it\n"
                   " +5 [^\n]*backup[^\n]*\n +→ move it\n"));
 }
 

@@ -171,7 +171,8 @@ std::string text_of(const std::vector<Listed>& causes, const std::vector<Listed>
                           cause->more);
     if (!remedy.empty() && !std::ranges::all_of(of, is_told))
       text += fmt::format("{}{}{}\n", marks.below,
-                          of.size() == 1 ? "" : fmt::format("for these {}: ", of.size()), printable(remedy));
+                          of.size() == 1 ? "" : fmt::format("for these {} causes: ", of.size()),
+                          printable(remedy));
   }
   return text;
 }
