@@ -65,7 +65,7 @@ std::string kind_of_machine(const record::Run& run) {
   return record::find(run.outcome.hosts, record::both_hosts[0]).machine.simulated.value_or("");
 }
 
-std::string name_of(const std::string& machine) {
+std::string machine_named(const std::string& machine) {
   return machine.empty() ? "a real machine" : "simulated by " + machine;
 }
 
@@ -83,8 +83,8 @@ void compare(const std::vector<record::Note>& notes, const auto& known, const Su
       refuse(results,
              fmt::format("holds a search with another {}: '{}'; this one has '{}'", word, theirs, *mine));
   if (const auto theirs = kind_of_machine(first); theirs != subject.machine)
-    refuse(results, fmt::format("holds a search on another machine: {}; this one is {}", name_of(theirs),
-                                name_of(subject.machine)));
+    refuse(results, fmt::format("holds a search on another machine: {}; this one is {}",
+                                machine_named(theirs), machine_named(subject.machine)));
   for (const auto& one : known)
     if (statistics::is_complete(one.run)) check_machines(one.run, subject.machines);
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
