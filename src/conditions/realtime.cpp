@@ -80,7 +80,9 @@ void set_priority(ThreadSettings& thread, Text text) {
 }
 void set_cpus(ThreadSettings& thread, Text text) {
   const auto cpus = realtime::cpus_of(text);
-  if (!cpus) throw std::invalid_argument(fmt::format("'{}' is not a CPU list, such as 1 or 0-1,3", text));
+  if (!cpus)
+    throw std::invalid_argument(
+        fmt::format("'{}' is not a list of CPUs from 0 to 1023, such as 1 or 0-1,3", text));
   thread.cpus = *cpus;
 }
 

@@ -211,8 +211,8 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   else if (fewest < 1000)
     cautions.push_back(fmt::format("few {} ({}{}): p99 is a rough estimate", what, grouped(fewest), where));
   else if (fewest < 30'000 && fewest != UINT64_MAX)  // 30 must be slower: statistics/course.cpp
-    cautions.push_back(fmt::format("{} {}{} are too few to bound {}", grouped(fewest), what, where,
-                                   fewest < 3'000 ? "p99" : "p99.9"));
+    cautions.push_back(fmt::format("{} {}{}: too few for an upper limit of {}", grouped(fewest), what, where,
+                                   fewest < 3'000 ? "p99 (3,000)" : "p99.9 (30,000)"));
   return cautions;
 }
 
