@@ -6,6 +6,7 @@
 
 #include "amend.hpp"
 #include "gate_runs.hpp"
+#include "json.hpp"
 
 namespace ontime::gate {
 namespace {
@@ -244,14 +245,14 @@ TEST(EndsSearch, AtMissesAndAtShortfalls) {
         R"({"hosts": {"component": {"load_running": false}}})",
         R"({"hosts": {"controller": {"link": {"gone": "the table"}}}})",
         R"({"error": "no answer", "unanswered": true})"})
-    EXPECT_TRUE(ends_search(asked, json::parse(what))) << what;
+    EXPECT_TRUE(ends_search(asked, parsed_json(what))) << what;
   for (const auto* what :
        {R"({"sent": 9, "late": 0, "lost": 0, "skipped_cycles": 0, "dropped_records": 0})",
         R"({"sent": 9, "late": 0, "traffic": {"to_component": {}}, "hosts": 1})",
         R"({"sent": 9, "neighbours": {"to_component": {"short": false}}})",
         R"({"late": 1, "interrupted": true})", R"({"error": "the connection is gone", "late": 1})",
         R"({"error": "no answer", "unanswered": true, "interrupted": true})", "null"})
-    EXPECT_FALSE(ends_search(asked, json::parse(what))) << what;
+    EXPECT_FALSE(ends_search(asked, parsed_json(what))) << what;
 }
 
 TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "json.hpp"
 #include "listen/why.hpp"
 #include "listen_times.hpp"
 
@@ -295,19 +296,19 @@ TEST_F(LateMessage, MissIsExplainedAgainFromItsFileAndAWiderWindow) {
   miss.surroundings = around;
   miss.at_ns = 1'795'000'000'000 * ms;
   const auto text = way_of(miss).dump();
-  const auto again = explained_again(nlohmann::json::parse(text), trace::window_of(to_json(window)));
+  const auto again = explained_again(parsed_json(text), trace::window_of(to_json(window)));
   ASSERT_TRUE(again && again->why);
   EXPECT_EQ(again->why->sentence, at_once.sentence);
   EXPECT_EQ(again->why->culprit, (Party{30, "recorder"}));
   EXPECT_EQ(again->at_ns, miss.at_ns);
 
   window.whole = false;
-  EXPECT_FALSE(explained_again(nlohmann::json::parse(text), window)) << "what was said at once stands";
+  EXPECT_FALSE(explained_again(parsed_json(text), window)) << "what was said at once stands";
   window.whole = true;
   for (const auto* name : {"taken_ns", "publisher", "limit", "reader", "threads"})
     for (const nlohmann::json& value : {nlohmann::json(), nlohmann::json(-1), nlohmann::json("x"),
                                         nlohmann::json(INT64_MAX), nlohmann::json::array({1})}) {
-      auto foreign = nlohmann::json::parse(text);
+      auto foreign = parsed_json(text);
       foreign[name] = value;
       EXPECT_FALSE(explained_again(foreign, window)) << name << " " << value;
     }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gate/gate.hpp"
+#include "json.hpp"
 #include "report_answers.hpp"
 
 namespace ontime::report {
@@ -437,7 +438,7 @@ TEST(Answer, NoRunsGiveASentenceAlone) {
 }
 
 TEST(Answer, JsonHasWhatIsPrinted) {
-  const auto document = json::parse(render(demo(), Format::json, kept)).at("answer");
+  const auto document = parsed_json(render(demo(), Format::json, kept)).at("answer");
   const auto answer = answer_of(demo(), kept);
   EXPECT_EQ(document.at("sentence"), answer.sentence);
   ASSERT_EQ(document.at("rows").size(), 12u);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What else differs between the runs that are compared.
 #include "conditions/conditions.hpp"
+#include "json.hpp"
 #include "report/comparison.hpp"
 #include "report_comparison.hpp"
 
@@ -18,7 +19,7 @@ TEST(Compare, ShowsWhatElseDiffers) {
   amend(b[0].run.outcome, "/hosts/controller/machine/boot_id", "another each time");
   amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
   const auto found =
-      json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
+      parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
   const auto difference = [](const char* what, const char* from, const char* to) {
     return json{{"what", what}, {"from", from}, {"to", to}};
   };
@@ -38,7 +39,7 @@ TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
   std::vector b{run("x", "k", 1)};
   const auto found = [&] {
     std::string text;
-    const auto document = json::parse(render(compare(a, b), {}, Format::json));
+    const auto document = parsed_json(render(compare(a, b), {}, Format::json));
     for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
       text += one.at("what").get<std::string>() + "; ";
     return text;
@@ -81,7 +82,7 @@ TEST(Compare, DifferencesOfKeysAreInTheirWords) {
   const auto comparison = compare(a, b);
   EXPECT_THAT(render(comparison, {}, Format::markdown), HasSubstr(words));
   EXPECT_THAT(render_answer(comparison, {}, Format::table, "", 1000), HasSubstr(words));
-  const auto found = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("not_the_same");
+  const auto found = parsed_json(render(comparison, {}, Format::json)).at("pairs").at(0).at("not_the_same");
   EXPECT_EQ(found.at(0), (json{{"what", "payload_bytes"}, {"from", "500"}, {"to", "1024"}}));
 }
 
@@ -114,7 +115,7 @@ TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   amend(outcome, "/hosts/controller/load_running", false);
   amend(outcome, "/hosts/component/refusals", {{{"asked", "fifo 80"}, {"found", "EPERM"}, {"remedy", "y"}}});
   std::vector<std::string> found;
-  const auto document = json::parse(render(compare(a, b), {}, Format::json));
+  const auto document = parsed_json(render(compare(a, b), {}, Format::json));
   for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
     found.push_back(one.at("what").get<std::string>() + ": " + one.at("from").get<std::string>() + ", " +
                     one.at("to").get<std::string>());

@@ -3,6 +3,7 @@
 #include "report_comparison.hpp"
 
 #include "conditions/conditions.hpp"
+#include "json.hpp"
 #include "report/comparison.hpp"
 
 namespace ontime::report {
@@ -28,7 +29,7 @@ TEST(Compare, RunsOfTheSameKeyAreOnePairAndTheOthersAreNamed) {
   const auto text = render(comparison, {}, Format::table);
   EXPECT_THAT(text, HasSubstr("Only in A: gone udp (1 run)"));
   EXPECT_THAT(text, HasSubstr("Only in B: new udp (1 run)"));
-  const auto document = json::parse(render(comparison, {}, Format::json));
+  const auto document = parsed_json(render(comparison, {}, Format::json));
   EXPECT_EQ(document.at("only_from").at(0).at("id"), "gone");
   EXPECT_EQ(document.at("only_to").at(0).at("key"), "k4");
 }
@@ -85,7 +86,7 @@ TEST(Compare, ImportedWakeUpLatencyIsNoRoundTrip) {
   const auto text = render_answer(both, {}, Format::table, "", 80);
   EXPECT_THAT(text, HasSubstr("Wake-up (µs)"));
   EXPECT_THAT(text, Not(HasSubstr("98 %"))) << "it has no interval";
-  const auto figures = json::parse(render(both, {}, Format::json)).at("pairs").at(0).at("metrics");
+  const auto figures = parsed_json(render(both, {}, Format::json)).at("pairs").at(0).at("metrics");
   const auto max = figures.back();
   EXPECT_EQ(max.at("metric"), "wake_up_us.max");
   EXPECT_DOUBLE_EQ(max.at("to").get<double>(), static_cast<double>(b[0].wake_up.max) / 1e3);
@@ -113,7 +114,7 @@ TEST(Compare, ImportedRepetitionsCountTogether) {
               AllOf(::testing::ContainsRegex("p50 +1.0 +3.0"), ::testing::ContainsRegex("p99 +- +-"),
                     ::testing::ContainsRegex("max +9.0 +8.0"),
                     HasSubstr("A: 1 run; B: 2 runs; each value is their mean, max the greatest")));
-  const auto figures = json::parse(render(comparison, {}, Format::json)).at("pairs").at(0).at("metrics");
+  const auto figures = parsed_json(render(comparison, {}, Format::json)).at("pairs").at(0).at("metrics");
   ASSERT_EQ(figures.size(), 3U) << figures;
   EXPECT_DOUBLE_EQ(figures.at(0).at("to").get<double>(), 3);
   EXPECT_DOUBLE_EQ(figures.at(2).at("to").get<double>(), 8);
@@ -159,7 +160,7 @@ TEST(Compare, SaysBetterWorseOrCannotTell) {
   const auto verdict = [](double from, double to) {
     const std::vector a{run("x", "k", from), run("x", "k", from, 2)},
         b{run("x", "k", to), run("x", "k", to, 2)};
-    const auto document = json::parse(render(compare(a, b), {}, Format::json));
+    const auto document = parsed_json(render(compare(a, b), {}, Format::json));
     return figure_of(document.at("pairs").at(0), "round_trip_us.p99").at("verdict");
   };
   EXPECT_EQ(verdict(1, 2), "worse");
@@ -172,7 +173,7 @@ TEST(Compare, SingleRunsGetNoVerdict) {
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_EQ(row_of(text, "p99 ").back(), "higher");
   EXPECT_THAT(text, HasSubstr("repeat: 5"));
-  const auto pair = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
+  const auto pair = parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
   EXPECT_EQ(pair.at("repeated"), false);
   EXPECT_EQ(figure_of(pair, "round_trip_us.p99").at("verdict"), "cannot tell");
 }
@@ -189,7 +190,7 @@ TEST(Compare, GivesTheOneIntervalThatDecides) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
   const auto comparison = compare(a, b);
   const auto p99 =
-      figure_of(json::parse(render(comparison, {}, Format::json)).at("pairs").at(0), "round_trip_us.p99");
+      figure_of(parsed_json(render(comparison, {}, Format::json)).at("pairs").at(0), "round_trip_us.p99");
   EXPECT_DOUBLE_EQ(p99.at("from").get<double>(), 1000);
   EXPECT_DOUBLE_EQ(p99.at("difference").get<double>(), 1000);
   EXPECT_DOUBLE_EQ(p99.at("ratio").get<double>(), 2);
@@ -216,7 +217,7 @@ TEST(Compare, PercentileBeyondTheMessagesHasNoValueAndMaximumNoVerdict) {
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, ::testing::ContainsRegex("\np99.99 +- +- +- +- +too few messages\n"));
   EXPECT_THAT(text, ::testing::ContainsRegex("\nmax +2000 +9000 +[^ ]+ % +- +cannot tell\n"));
-  const auto pair = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
+  const auto pair = parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
   EXPECT_TRUE(figure_of(pair, "round_trip_us.p99.99").is_null());
   EXPECT_EQ(figure_of(pair, "round_trip_us.max").at("to"), 9000);
   EXPECT_EQ(figure_of(pair, "round_trip_us.max").at("verdict"), "cannot tell");
@@ -264,7 +265,7 @@ TEST(Compare, MaximaOfUnequalNumbersOfMessagesAreShownButNotCompared) {
   b[0].round_trip.max = 9'000'000;
   const auto row = [&] { return row_of(render(compare(a, b), {}, Format::table), "max "); };
   const auto max = [&] {
-    return figure_of(json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0),
+    return figure_of(parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0),
                      "round_trip_us.max");
   };
   EXPECT_EQ(row().at(3), "+350");
@@ -325,7 +326,7 @@ TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B: 4,000 "));
   EXPECT_THAT(text, HasSubstr("A: 1 run; B: 1 of 2 runs\n")) << "no mean of two";
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
-  const auto to = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
+  const auto to = parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
   EXPECT_EQ(to.at("runs").size(), 1u);
   EXPECT_EQ(to.at("left_out").at(0).at("run"), 7);
   EXPECT_EQ(to.at("left_out").at(0).at("why"), "4,000 of its samples were not recorded");

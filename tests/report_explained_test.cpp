@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "json.hpp"
 #include "report/causes.hpp"
 #include "report/explained.hpp"
 #include "report_fixture.hpp"
@@ -181,7 +182,7 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
   one.account.late = 8;
   one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
   const auto counts = [&] {
-    return nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("without_cause");
+    return parsed_json(render_explained({one}, Format::json)).at(0).at("without_cause");
   };
   EXPECT_EQ(counts().at("unknown"), 3) << "the file does not tell";
   one.run.outcome = nlohmann::json{{"causes", {{"seen", 6}, {"not_seen", 1}}}};
@@ -241,7 +242,7 @@ TEST(OwnMessages, MessagesOfTheSameCauseAreOneLineWithTheirRange) {
   EXPECT_THAT(one_line, HasSubstr("while idler [9] ran: 15.0 ms, CPU 1; message 4 →"));
   EXPECT_THAT(text, HasSubstr("(chrt -a -f -p 50 7)")) << "a command stays on one line";
   EXPECT_LT(text.find("6.1 to"), text.find("16.1 ms")) << "most messages first";
-  EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
+  EXPECT_EQ(parsed_json(render_explained({one}, Format::json)).at(0).at("notes").size(), 4U);
 }
 
 TEST(OwnMessages, TextOfANoteIsNoAdviceAndNoOtherNotesCause) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gate/gate.hpp"
+#include "json.hpp"
 #include "plot/plot.hpp"
 #include "report/answer.hpp"
 #include "report_fixture.hpp"
@@ -128,7 +129,7 @@ TEST(TableFormat, NamesTheOptionsThatDiffer) {
   EXPECT_THAT(render_threads(runs, Format::table),
               AllOf(HasSubstr("Run 1: ros  ros2 executor single, threads on the controller"),
                     HasSubstr("Run 2: ros  ros2 executor multi, threads on the component")));
-  for (const auto& entry : json::parse(render_threads(runs, Format::json)))
+  for (const auto& entry : parsed_json(render_threads(runs, Format::json)))
     EXPECT_EQ(entry.at("options").at("executor"), entry.at("run") == 1 ? "single" : "multi");
 
   const auto again = render({ros2("multi", 1), ros2("multi", 2)}, Format::markdown);

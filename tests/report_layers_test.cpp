@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "json.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -67,7 +68,7 @@ TEST(LayersPage, NamesWhatTellsLayersOfOneIdApart) {
   EXPECT_THAT(text, AllOf(HasSubstr("| dds: udp 500 B | udp: udp 500 B |"),
                           HasSubstr("| dds: udp 32 KiB | udp: udp 32 KiB |")));
   EXPECT_THAT(text, Not(HasSubstr("█")));
-  const auto document = json::parse(render_layers(runs, Format::json));
+  const auto document = parsed_json(render_layers(runs, Format::json));
   ASSERT_EQ(document.size(), 4u);
   EXPECT_EQ(document.at(1).at("base_key"), document.at(0).at("key"));
   EXPECT_EQ(document.at(3).at("payload_bytes"), 32768);

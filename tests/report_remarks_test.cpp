@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "json.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
 
@@ -184,7 +185,7 @@ TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   EXPECT_THAT(text, Not(HasSubstr("of the controller's CPU time")));
   EXPECT_THAT(text, HasSubstr("wake-up latency was 84 % of the longest answered wait"));
   EXPECT_THAT(text, HasSubstr("sender woke 50.5 ms late; likely cause: RT throttling (kernel."));
-  const auto document = json::parse(render({one}, Format::json));
+  const auto document = parsed_json(render({one}, Format::json));
   EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
   for (const auto* host : {"controller", "component"}) {
     facts["conditions"][host]["cpu_stolen"] = 0.0213;
@@ -383,7 +384,7 @@ TEST(Remarks, TellNotesWithTheirMoment) {
                {"second-pong", "two pongs answer", {}, 17}};
   EXPECT_THAT(render({one}, Format::markdown),
               HasSubstr("udp: at 3.2 s: the pong left; two pongs answer (message 17)"));
-  const auto notes = json::parse(render({one}, Format::json)).at("runs").at(0).at("notes");
+  const auto notes = parsed_json(render({one}, Format::json)).at("runs").at(0).at("notes");
   EXPECT_EQ(notes.at(0),
             json({{"kind", "peer-left"}, {"text", "the pong left"}, {"at_s", 3.2}, {"message", nullptr}}));
   EXPECT_EQ(notes.at(1).at("message"), 17);

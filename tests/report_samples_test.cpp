@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "json.hpp"
 #include "report/export.hpp"
 #include "report_fixture.hpp"
 
@@ -79,7 +80,7 @@ TEST_F(Export, SaysTheSameInBothFormats) {
   const auto lines = lines_of(exported(SampleFormat::jsonl));
   ASSERT_EQ(lines.size(), 2U);
   for (std::size_t i = 0; i < lines.size(); ++i) {
-    const auto object = json::parse(lines[i]);
+    const auto object = parsed_json(lines[i]);
     EXPECT_EQ(object.at("id"), odd.at("id"));
     EXPECT_EQ(object.at("wake_up_us"), nullptr) << "it wakes for nothing";
     const auto row = row_by_name(csv, i);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What became of background topics, and what searches found.
+#include "json.hpp"
 #include "plot/plot.hpp"
 #include "report/answer.hpp"
 #include "report/runs.hpp"
@@ -71,7 +72,7 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
                                step(3, "800 Hz", 7, 1), step(2, "400 Hz", 0), step(2, "400 Hz", 3, 2)};
   const auto text = render(summaries, Format::markdown);
   EXPECT_THAT(text, HasSubstr("highest background.rate without a miss"));
-  const auto searches = json::parse(render(summaries, Format::json)).at("searches");
+  const auto searches = parsed_json(render(summaries, Format::json)).at("searches");
   ASSERT_EQ(searches.size(), 1U);
   EXPECT_EQ(searches[0].at("passed").at("value"), "200 Hz");
   auto bound = step(0, "100 Hz", 0);
@@ -91,7 +92,7 @@ TEST(Searches, EndWhereARowIsLateByResponseTimeAlone) {
   amend(summaries[1].run.outcome, "/late_by_response_only", 2);
   EXPECT_THAT(report::answer_of(summaries, {}).sentence,
               HasSubstr("Highest background.rate without a miss: 100 Hz."));
-  const auto ended = json::parse(render(summaries, Format::json)).at("searches").at(0).at("ended");
+  const auto ended = parsed_json(render(summaries, Format::json)).at("searches").at(0).at("ended");
   EXPECT_EQ(ended.at("late_by_response_only"), 2);
   EXPECT_THAT(render(summaries, Format::markdown), HasSubstr("2 late by response time of 2,000 messages"));
 }
@@ -121,7 +122,7 @@ TEST(Searches, EndForAllComponentsWhereOneMisses) {
       amend(summaries.back().run.asked, "/component", component);
     }
   };
-  const auto searches = [&] { return json::parse(render(summaries, Format::json)).at("searches"); };
+  const auto searches = [&] { return parsed_json(render(summaries, Format::json)).at("searches"); };
   add(0, "100 Hz", 0);
   add(2, "400 Hz", 5);
   EXPECT_FALSE(searches()[0].at("finished"));
@@ -135,31 +136,31 @@ TEST(Searches, EndForAllComponentsWhereOneMisses) {
 }
 
 TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
-  auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
+  auto found = parsed_json(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").is_null());
   EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
-  found = json::parse(render({step(0, "100 Hz", 1)}, Format::json)).at("searches").at(0);
+  found = parsed_json(render({step(0, "100 Hz", 1)}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("passed").is_null());
   EXPECT_TRUE(found.at("missed_below").is_null());
-  EXPECT_EQ(json::parse(render({summary(asked("a", "udp"), outcome())}, Format::json)).at("searches"),
+  EXPECT_EQ(parsed_json(render({summary(asked("a", "udp"), outcome())}, Format::json)).at("searches"),
             json::array());
 }
 
 TEST(Searches, UnfinishedSearchIsMarked) {
-  auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
+  auto found = parsed_json(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_FALSE(found.at("finished"));
   EXPECT_THAT(render({step(0, "100 Hz", 0)}, Format::markdown), HasSubstr("search not finished"));
   found =
-      json::parse(render({step(1, "200 Hz", 0), step(3, "800 Hz", 7)}, Format::json)).at("searches").at(0);
+      parsed_json(render({step(1, "200 Hz", 0), step(3, "800 Hz", 7)}, Format::json)).at("searches").at(0);
   EXPECT_FALSE(found.at("finished"));
-  found = json::parse(render({step(3, "800 Hz", 0)}, Format::json)).at("searches").at(0);
+  found = parsed_json(render({step(3, "800 Hz", 0)}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("finished")) << "nothing is beyond";
 }
 
 TEST(Searches, AreNotMixedWithLaterOnesOfTheSameFile) {
   const auto text = render(
       {step(0, "100 Hz", 0), step(1, "200 Hz", 3), step(0, "100 Hz", 0), step(1, "200 Hz", 0)}, Format::json);
-  const auto searches = json::parse(text).at("searches");
+  const auto searches = parsed_json(text).at("searches");
   ASSERT_EQ(searches.size(), 2U);
   EXPECT_EQ(searches[0].at("ended").at("value"), "200 Hz");
   EXPECT_TRUE(searches[1].at("ended").is_null());
@@ -177,16 +178,16 @@ TEST(Searches, OfOneFileAreToldApartInTheTableToo) {
 TEST(Searches, EndAtAFailedRunOrALoadShortfall) {
   auto failed = step(1, "200 Hz", 0);
   amend(failed.run.outcome, "/error", "no answer");
-  auto found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
+  auto found = parsed_json(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").is_null()) << "the connection was lost, say";
   EXPECT_FALSE(found.at("finished"));
   amend(failed.run.outcome, "/unanswered", true);
-  found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
+  found = parsed_json(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("failed"));
   EXPECT_TRUE(found.at("finished"));
   auto overran = step(1, "200 Hz", 0);
   amend(overran.run.outcome, "/neighbours/to_component", way(100, 100, 100));
-  found = json::parse(render({step(0, "100 Hz", 0), overran}, Format::json)).at("searches").at(0);
+  found = parsed_json(render({step(0, "100 Hz", 0), overran}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("short"));
   EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
 }

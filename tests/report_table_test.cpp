@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "json.hpp"
 #include "plot/plot.hpp"
 #include "report/answer.hpp"
 #include "report/comparison.hpp"
@@ -108,7 +109,7 @@ TEST(AllForms, ShowTheEstimateAlsoWhereNothingBoundsIt) {
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("| 99000 | 99900 |"));
   EXPECT_THAT(render({one}, Format::latex), HasSubstr("& 99000 & 99900 &"));
   EXPECT_EQ(row_by_name(render({one}, Format::csv), 0).at("round_trip_us_p99.9"), "99900.0");
-  const auto run = json::parse(render({one}, Format::json)).at("runs").at(0);
+  const auto run = parsed_json(render({one}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("round_trip_us").at("p99.9"), 99900.0);
   const std::vector<Summary> runs = {one};
   EXPECT_EQ(row_of(render(compare(runs, runs), {}, Format::table), "p99.9 ").at(1), "99900");
@@ -274,7 +275,7 @@ TEST(Paper, FiguresStandBesideOursWhereTheConditionsAreIts) {
                                                                      "26764", "236/58905", "0/58905"}));
   EXPECT_THAT(text, HasSubstr("2018"));
   const auto run =
-      json::parse(render({summary(asked("Test1.B", "udp"), outcome())}, Format::json)).at("runs").at(0);
+      parsed_json(render({summary(asked("Test1.B", "udp"), outcome())}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("paper").at(2).at("avg_us"), 2750);
   const json others = {{"id", "Test9.A"},
                        {"period_us", 5000},
@@ -325,7 +326,7 @@ TEST(TableFormat, ShowsWhereJudgingByResponseDiffers) {
   EXPECT_EQ(row_of(text, "fastdds").at(9), "3/2000");
   EXPECT_EQ(row_of(text, "fastdds").at(10), "41/2057");
   EXPECT_THAT(text, AllOf(HasSubstr("by response time: cycles"), HasSubstr("skipped cycles: 57")));
-  EXPECT_EQ(json::parse(render({other}, Format::json)).at("runs").at(0).at("late_by_response"), 41);
+  EXPECT_EQ(parsed_json(render({other}, Format::json)).at("runs").at(0).at("late_by_response"), 41);
 }
 
 TEST(TableFormat, ShowsTheThreeParts) {
@@ -342,14 +343,14 @@ TEST(TableFormat, ShowsTheThreeParts) {
               Contains(StartsWith(
                   "  udp: medians of 2 runs: request leg 13.0 µs, server 5.0 µs, reply leg 11.0 µs")));
   EXPECT_THAT(render({with(12, false, 1)}, Format::table), HasSubstr("±7.0"));
-  const auto run = json::parse(render({with(12, false, 1)}, Format::json)).at("runs").at(0);
+  const auto run = parsed_json(render({with(12, false, 1)}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("request_leg_us").at("p50"), 12.0);
   EXPECT_EQ(run.at("there_us"), run.at("request_leg_us")) << "its earlier name";
   EXPECT_EQ(run.at("reply_leg_us").at("p50"), 11.0);
   EXPECT_EQ(run.at("parts"), json({{"clocks", "synchronised"}, {"error_us", 7.0}, {"left_out", nullptr}}));
 
   auto without = summary(asked("a", "udp"), outcome());
-  EXPECT_EQ(json::parse(render({without}, Format::json)).at("runs").at(0).at("parts"), nullptr);
+  EXPECT_EQ(parsed_json(render({without}, Format::json)).at("runs").at(0).at("parts"), nullptr);
   without.no_parts = "the clocks disagree";
   EXPECT_THAT(render({without}, Format::table), HasSubstr("udp: the clocks disagree"));
 }

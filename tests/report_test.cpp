@@ -2,6 +2,7 @@
 #include <random>
 #include <set>
 
+#include "json.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -14,7 +15,7 @@ using ::testing::StartsWith;
 TEST(Json, HasEveryKeyThatIsPromised) {
   auto one = summary(asked("Test1.B", "cyclonedds"), outcome());
   one.server = statistics::Distribution{};
-  const auto document = json::parse(render({one}, Format::json));
+  const auto document = parsed_json(render({one}, Format::json));
   EXPECT_TRUE(document.at("ontime").is_string());
   const auto& run = document.at("runs").at(0);
   for (const auto* key : {"id", "transport", "schedule"}) EXPECT_TRUE(run.at(key).is_string()) << key;
@@ -42,7 +43,7 @@ TEST(Json, GivesMicrosecondsToTheNanosecond) {
   Summary one{};
   std::vector<std::int64_t> values = {1'234'567, 9'007'199'254'741};
   one.round_trip = statistics::distribution(values);
-  const auto run = json::parse(render({one}, Format::json)).at("runs").at(0);
+  const auto run = parsed_json(render({one}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("round_trip_us").at("min").dump(), "1234.567");
   EXPECT_EQ(run.at("round_trip_us").at("max").dump(), "9007199254.741");
   EXPECT_EQ(run.at("response_us"), nullptr) << "there are no values";
@@ -51,7 +52,7 @@ TEST(Json, GivesMicrosecondsToTheNanosecond) {
 TEST(Json, CountsSamplesThatTheFileLostLater) {
   auto one = summary(asked("a", "udp"), outcome());
   one.run.outcome.counters.dropped_records = 7;
-  const auto run = json::parse(render({one}, Format::json)).at("runs").at(0);
+  const auto run = parsed_json(render({one}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("dropped_records"), 7);
   EXPECT_THAT(run.at("remarks").get<std::string>(), HasSubstr("samples not recorded (missing above): 7"));
 }
@@ -60,7 +61,7 @@ TEST(Json, SaysWhichRunsDidNotEndAsAsked) {
   auto interrupted = outcome();
   interrupted["interrupted"] = true;
   const auto document =
-      json::parse(render({summary(asked("a", "udp"), nullptr), summary(asked("b", "udp"), interrupted),
+      parsed_json(render({summary(asked("a", "udp"), nullptr), summary(asked("b", "udp"), interrupted),
                           summary(asked("c", "udp"), {{"error", "no peer"}})},
                          Format::json));
   for (const auto& run : document.at("runs")) EXPECT_EQ(run.at("complete"), false);
@@ -116,8 +117,8 @@ TEST(AllFormats, SurviveEveryKindOfValueInEveryPlace) {
 }
 
 TEST(AllFormats, HaveSomethingToSayOfNoRuns) {
-  EXPECT_EQ(json::parse(render({}, Format::json)).at("runs"), json::array());
-  EXPECT_EQ(json::parse(render_threads({}, Format::json)), json::array());
+  EXPECT_EQ(parsed_json(render({}, Format::json)).at("runs"), json::array());
+  EXPECT_EQ(parsed_json(render_threads({}, Format::json)), json::array());
   EXPECT_EQ(parse_csv(render({}, Format::csv)).size(), 1u);
   EXPECT_THAT(render({}, Format::table), HasSubstr("no runs"));
   EXPECT_THAT(render_threads({}, Format::table), HasSubstr("No threads"));
@@ -168,7 +169,7 @@ TEST(Json, BurstsAreUnknownWhereOnlyTheWorstMessagesAreKept) {
   auto worst = summary(asked("a", "udp"), outcome());
   worst.has_worst_only = true;
   worst.late = 12;
-  EXPECT_EQ(json::parse(render({worst}, Format::json)).at("runs").at(0).at("bursts"), nullptr);
+  EXPECT_EQ(parsed_json(render({worst}, Format::json)).at("runs").at(0).at("bursts"), nullptr);
   EXPECT_EQ(row_by_name(render({worst}, Format::csv), 0).at("bursts_longest"), "");
 }
 
@@ -183,7 +184,7 @@ TEST(Csv, SaysWhatTheJsonSays) {
   whole.extremes.maxima.emplace().level_lies = {4e6, 7e6};
   const std::vector<Summary> runs = {whole, summary(asked("b", "udp"), nullptr)};
   const auto csv = render(runs, Format::csv);
-  const auto document = json::parse(render(runs, Format::json));
+  const auto document = parsed_json(render(runs, Format::json));
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = document.at("runs").at(i);
     std::map<std::string, json> expected;
@@ -321,7 +322,7 @@ TEST(Threads, AreShownAsTheKernelSaidTheyWere) {
   EXPECT_THAT(text, HasSubstr("Run 1: Test1.B  udp #2, threads on the controller"));
   EXPECT_THAT(row_of(text, "send"),
               ElementsAre("send", "ontime-send", "12", "fifo", "80", "0-1", "0/1", "2000/3", "1.2"));
-  const auto document = json::parse(render_threads(runs, Format::json));
+  const auto document = parsed_json(render_threads(runs, Format::json));
   ASSERT_EQ(document.size(), 2u);
   for (const auto& entry : document) {
     EXPECT_EQ(entry.at("id"), "Test1.B");
@@ -451,8 +452,8 @@ TEST(Json, KeepsEveryValue) {
     auto strange = asked("a", "udp");
     strange["title"] = text;
     const auto title =
-        json::parse(render({summary(strange, outcome())}, Format::json)).at("runs").at(0).at("title");
-    const auto expected = json::parse(json(text).dump(-1, ' ', true, json::error_handler_t::replace));
+        parsed_json(render({summary(strange, outcome())}, Format::json)).at("runs").at(0).at("title");
+    const auto expected = parsed_json(json(text).dump(-1, ' ', true, json::error_handler_t::replace));
     EXPECT_EQ(title, expected);
   }
 }

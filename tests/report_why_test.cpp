@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "json.hpp"
 #include "page/page.hpp"
 #include "page/parts.hpp"
 #include "report/explained.hpp"
@@ -256,7 +257,7 @@ class Perfetto : public Traced {
   json written(std::size_t late) {
     const auto reader = recorded(late);
     const auto run = reader.runs().at(0);
-    return json::parse(perfetto_of(reader, run, explain::account_of(reader, run).messages));
+    return parsed_json(perfetto_of(reader, run, explain::account_of(reader, run).messages));
   }
   static std::vector<json> named(const json& file, const std::string& name, const std::string& phase) {
     std::vector<json> found;

@@ -17,6 +17,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "json.hpp"
 #include "trace/ring.hpp"
 #include "trace/tracefs.hpp"
 
@@ -52,7 +53,7 @@ Window some_window() {
 
 TEST(Words, WindowIsReadBack) {
   const auto window = some_window();
-  const auto again = window_of(json::parse(to_json(window).dump()));
+  const auto again = window_of(parsed_json(to_json(window).dump()));
   EXPECT_EQ(again.span.message, 7u);
   EXPECT_EQ(again.span.from_ns, 1'000);
   EXPECT_EQ(again.span.to_ns, 2'000);

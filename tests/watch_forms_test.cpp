@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "json.hpp"
 #include "statistics/statistics.hpp"
 #include "watch/watch.hpp"
 #include "watch_fixture.hpp"
@@ -98,7 +99,7 @@ TEST_F(Forms, MetricsHaveOnlyKnownFatesOfOwnMessages) {
 TEST_F(Forms, JsonIsOneLine) {
   const auto line = json_of(progress());
   EXPECT_EQ(line.find('\n'), line.size() - 1);
-  const auto object = json::parse(line);
+  const auto object = parsed_json(line);
   EXPECT_EQ(object.at("id"), asked().at("id"));
   EXPECT_EQ(object.at("state"), "measuring");
   EXPECT_EQ(object.at("left_s"), 48);
@@ -106,7 +107,7 @@ TEST_F(Forms, JsonIsOneLine) {
   std::uint64_t sum = 0;
   for (const auto& bucket : object.at("histogram")) sum += bucket.at("count").get<std::uint64_t>();
   EXPECT_EQ(sum, 3U);
-  EXPECT_EQ(json::parse(json_of({})).at("run"), nullptr);
+  EXPECT_EQ(parsed_json(json_of({})).at("run"), nullptr);
 }
 
 TEST_F(Forms, MetricsUsePrometheusFormat) {

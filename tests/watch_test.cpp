@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "watch/watch.hpp"
 
+#include "json.hpp"
 #include "statistics/statistics.hpp"
 #include "watch_fixture.hpp"
 
@@ -188,7 +189,7 @@ TEST_F(Following, ResponseTimeIsUnknownWithoutAnAnswer) {
   record::Writer writer(path_);
   const auto run = writer.begin_run(asked_with_cycles(asked()));
   Follower follower(path_);
-  EXPECT_TRUE(json::parse(json_of(follower.look())).at("response_max_us").is_null());
+  EXPECT_TRUE(parsed_json(json_of(follower.look())).at("response_max_us").is_null());
   EXPECT_THAT(metrics_of(follower.look()), Not(HasSubstr("_max_seconds")));
   auto samples = usual(0, 3);
   for (auto& sample : samples) {
@@ -197,7 +198,7 @@ TEST_F(Following, ResponseTimeIsUnknownWithoutAnAnswer) {
   }
   writer.append(run, samples);
   writer.end_run(run, {{"sent", 3}});
-  EXPECT_TRUE(json::parse(json_of(follower.look())).at("response_max_us").is_null());
+  EXPECT_TRUE(parsed_json(json_of(follower.look())).at("response_max_us").is_null());
   const auto metrics = metrics_of(follower.look());
   EXPECT_THAT(metrics, Not(HasSubstr("round_trip_max_seconds")));
   EXPECT_THAT(metrics, ::testing::ContainsRegex("response_max_seconds[^\n]* 0\\.52007"))
@@ -220,7 +221,7 @@ TEST_F(Following, CyclesAfterTheLastMessageAreCountedOnceTheRunHasEnded) {
     const auto& progress = follower.look();
     EXPECT_THAT(text_of(progress), HasSubstr("skipped cycles 500\n"));
     EXPECT_THAT(text_of(progress), HasSubstr("worst: response ≥ 5 s (no answer) at 5.00 s\n"));
-    const auto object = json::parse(json_of(progress));
+    const auto object = parsed_json(json_of(progress));
     EXPECT_EQ(object.at("skipped_cycles"), 500);
     EXPECT_EQ(object.at("response_max_us"), 5e6);
     EXPECT_EQ(object.at("worst")[0],
@@ -247,7 +248,7 @@ TEST_F(Following, MissingSamplesAreCountedOnceTheRunHasEnded) {
   const auto text = text_of(progress);
   EXPECT_THAT(text, HasSubstr("sent 700  on time 695  late 3  lost 2  skipped cycles 50\n"));
   EXPECT_THAT(text, HasSubstr("samples not recorded (missing below): 200\n"));
-  const auto object = json::parse(json_of(progress));
+  const auto object = parsed_json(json_of(progress));
   EXPECT_EQ(object.at("sent"), 700);
   EXPECT_EQ(object.at("on_time"), 695);
   EXPECT_EQ(object.at("lost"), 2);
@@ -292,7 +293,7 @@ TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
   EXPECT_THAT(text, HasSubstr("period: min 10 ms  mean 10.07 ms  max 108 ms"));
   EXPECT_THAT(text, HasSubstr("≤ 10 ms      3,591  "));
   EXPECT_THAT(text, HasSubstr("worst: period 108 ms, message 1000\nworst: period 28 ms, message 2000\n"));
-  const auto object = json::parse(json_of(follower.look()));
+  const auto object = parsed_json(json_of(follower.look()));
   EXPECT_NEAR(object.at("elapsed_s"), 36.242, 1e-3);
   EXPECT_TRUE(object.at("worst")[0].at("at_s").is_null());
   EXPECT_EQ(object.at("dropped_records"), 0);
@@ -307,7 +308,7 @@ TEST_F(Following, FlightRecordersAgesDoNotTellHowLongTheyTook) {
     writer.note_outcome(run, recorded());
   });
   EXPECT_THAT(text_of(Follower(path_).look()), StartsWith("run 1  /cmd_vel age  (flight recorder"));
-  EXPECT_TRUE(json::parse(json_of(Follower(path_).look())).at("elapsed_s").is_null());
+  EXPECT_TRUE(parsed_json(json_of(Follower(path_).look())).at("elapsed_s").is_null());
   kill(child);
 }
 
@@ -352,7 +353,7 @@ TEST_F(Following, SamplesThatComeAtTheEndAreReported) {
   const auto text = text_of(follower.look());
   EXPECT_THAT(text, HasSubstr("(measuring; samples"));
   EXPECT_THAT(text, Not(HasSubstr("left"))) << "it is unknown since when";
-  EXPECT_TRUE(json::parse(json_of(follower.look())).at("elapsed_s").is_null());
+  EXPECT_TRUE(parsed_json(json_of(follower.look())).at("elapsed_s").is_null());
   EXPECT_THAT(metrics_of(follower.look()), HasSubstr("ontime_measuring 1\n"));
   kill(child);
   EXPECT_EQ(follower.look().state, State::ended);

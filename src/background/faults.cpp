@@ -18,6 +18,7 @@
 #include "background/background.hpp"
 #include "background/kinds.hpp"
 #include "journal/journal.hpp"
+#include "json.hpp"
 
 namespace ontime::background {
 namespace {
@@ -126,8 +127,7 @@ void try_discipline(const std::vector<std::string>& words) {
 
 // Sums over all etf qdiscs of an interface, since each was created.
 Link::Counts::Etf count_etf(const std::string& interface) {
-  const auto answer =
-      json::parse(tc({"-statistics", "-json", "qdisc", "show", "dev", interface}), nullptr, false);
+  const auto answer = json_or_discarded(tc({"-statistics", "-json", "qdisc", "show", "dev", interface}));
   if (!answer.is_array()) throw Error("tc -statistics -json qdisc show: the output is not JSON");
   Link::Counts::Etf sum;
   bool found = false;

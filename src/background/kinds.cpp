@@ -15,6 +15,7 @@
 #include "background/background.hpp"
 #include "background/child.hpp"
 #include "journal/journal.hpp"
+#include "json.hpp"
 
 namespace ontime::background {
 namespace {
@@ -133,7 +134,7 @@ Value read_qdisc(const std::string& what) {
   inside(parts[0], [&] {
     const auto name = name_now(parts[1]);
     if (!name) return;
-    const auto answer = json::parse(tc({"-json", "qdisc", "show", "dev", *name}), nullptr, false);
+    const auto answer = json_or_discarded(tc({"-json", "qdisc", "show", "dev", *name}));
     if (!answer.is_array()) throw Error("tc -json qdisc show: the output is not JSON");
     for (const auto& qdisc : answer) {
       // The kernel's own choice has no handle.
@@ -184,7 +185,7 @@ std::string nft(const std::string& commands) { return output_of({"nft", commands
 
 std::vector<json> nft_list(const std::string& kind) {
   const auto command = "list " + kind + "s";
-  const auto answer = json::parse(output_of({"nft", "--json", command}, "nftables"), nullptr, false);
+  const auto answer = json_or_discarded(output_of({"nft", "--json", command}, "nftables"));
   if (!answer.is_object()) throw Error("nft --json " + command + ": the output is not JSON");
   std::vector<json> all;
   for (const auto& entry : answer.value("nftables", json::array()))

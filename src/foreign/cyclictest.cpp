@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 
 #include "foreign/foreign.hpp"
+#include "json.hpp"
 #include "number.hpp"
 #include "record/document.hpp"
 #include "record/record.hpp"
@@ -211,7 +212,7 @@ json document_of(const std::string& file) {
   const std::string text{std::istreambuf_iterator<char>(in), {}};
   if (record::is_nested_deeper(text, deepest)) fail(file, "", "it is nested deeper than cyclictest's JSON");
   try {
-    return json::parse(text);
+    return parsed_json(text);
   } catch (const json::exception& error) {
     fail(file, "", fmt::format("it is not JSON, or cut off ({})", error.what()));
   }

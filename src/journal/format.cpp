@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <limits>
 
-#include <nlohmann/json.hpp>
+#include "json.hpp"
 
 namespace ontime::journal {
 namespace {
@@ -98,7 +98,7 @@ Contents parse(std::string_view text) {
   for (auto end = text.find('\n'); end != text.npos; begin = end + 1, end = text.find('\n', begin)) {
     const auto words = text.substr(begin, end - begin);
     try {
-      const auto line = json::parse(words, nullptr, false);
+      const auto line = json_or_discarded(words);
       if (!line.is_object()) throw NotUnderstood();
       if (begin == 0)
         contents.header = header_of(line);

@@ -8,6 +8,7 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
+#include "json.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
@@ -129,7 +130,7 @@ json describe() {
         {"memlock_bytes", limit(RLIMIT_MEMLOCK)},
         {"cgroup_memory_bytes", cgroup_memory()}}}};
   // A command line or a name may hold bytes that are not UTF-8; JSON may not.
-  return json::parse(description.dump(-1, ' ', false, json::error_handler_t::replace));
+  return parsed_json(description.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
 std::optional<GroupMemory> group_memory() {

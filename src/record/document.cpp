@@ -8,6 +8,7 @@
 
 #include <sodium.h>
 
+#include "json.hpp"
 #include "record/record.hpp"
 
 namespace ontime::record {
@@ -52,7 +53,7 @@ json canonical(const json& value) {
 
 std::string text_of(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
 
-std::string utf8_of(const std::string& text) { return json::parse(text_of(text)).get<std::string>(); }
+std::string utf8_of(const std::string& text) { return parsed_json(text_of(text)).get<std::string>(); }
 
 // Counted before anything is parsed: nlohmann's parser, asked to look at each depth, takes a time that grows
 // with the square of an object's members.
@@ -77,7 +78,7 @@ bool is_nested_deeper(const std::string& text, int levels) {
 
 std::optional<json> json_of(const std::string& text) {
   if (text.size() > longest_text || is_nested_deeper(text, deepest)) return std::nullopt;
-  auto value = json::parse(text, nullptr, false);
+  auto value = json_or_discarded(text);
   if (value.is_discarded()) return std::nullopt;
   return value;
 }
