@@ -239,10 +239,11 @@ class Newcomer(unittest.TestCase):
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
         (self.folder / "s.yaml").write_text(
-            "hosts: loopback\nruns: [{id: ü, transport: udp, duration: 100 ms}, {id: o, transport: udp, duration: 1 s}]\n")
+            "hosts: loopback\nruns: [{id: ü, transport: udp, duration: 100 ms}, "
+            "{id: o, transport: udp, duration: 200 ms}, {id: p, transport: udp, duration: 1 s}]\n")
         self.ontime("run", "s.yaml", "--results", "s.ontime")
-        # One for each character of the id, and none for ontime's own.
-        for unknown, *arguments in (b"??", "report", "s.ontime", "--full"), (b"?", "compare", "s.ontime", "--from", "1", "--to", "2"):
+        # One for each character of the id "ü", and none for ontime's own.
+        for unknown, *arguments in (b"??", "report", "s.ontime", "--full"), (b"?", "compare", "s.ontime", "--from", "2", "--to", "3"):
             with self.subTest(arguments):
                 shown = self.on_a_terminal(*arguments, LC_ALL="C")
                 self.assertTrue(shown.isascii(), shown)
