@@ -31,14 +31,16 @@ class LongRun(Program):
         text = SCENARIO.replace("period: 5 ms", "schedule: back-to-back")
         process = self.start_ontime("run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "idle",
                                     "--results", self.results)
-        # They come in bursts, of half a ring each: the first few show what is ever held at once.
+        # They come in bursts, of half a ring each: the first few show what is held at once. A busy machine holds more at times.
         self.assertTrue(eventually(lambda: self.samples_recorded() > 100_000, 250), process.poll())
         before, bytes_before = self.samples_recorded(), self.resident_bytes()
-        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 400_000, 250), process.poll())
-        grown = self.resident_bytes() - bytes_before
+
+        def is_flat():
+            messages = self.samples_recorded() - before
+            return messages > 400_000 and self.resident_bytes() - bytes_before < messages * 88 / 2
+        self.assertTrue(eventually(is_flat, 250), "samples are kept somewhere")
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=180)
-        self.assertLess(grown, 400_000 * 88 / 2, "of samples that are kept somewhere")
 
     def test_cut_link_loses_messages_and_goes_on(self):
         process = self.start_ontime("run", self.scenario("10 s", transports=["cyclonedds"]), "--only", "idle", "--results", self.results)
