@@ -13,6 +13,8 @@ import tempfile
 import time
 import unittest
 
+# A shell's background command ignores SIGINT, and so would all that is started here: it would wait for what ends by it.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 ONTIME = os.environ["ONTIME"]
 TRANSPORTS = os.environ.get("ONTIME_TEST_TRANSPORTS", "udp,cyclonedds,fastdds").split(",")
 
