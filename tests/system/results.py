@@ -16,7 +16,7 @@ ONTIME = os.environ["ONTIME"]
 
 SCENARIO = """
 hosts: loopback
-defaults: {transport: udp, period: 5 ms, duration: %s}
+defaults: {transport: udp, period: 5 ms, timeout: 10 s, duration: %s}
 runs:
   - id: one
     require: [%s]

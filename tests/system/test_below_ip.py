@@ -12,7 +12,7 @@ from program import ONTIME, Program, eventually, kill_at_once, pages_moved
 
 SCENARIO = """
 hosts: namespaces
-defaults: {transport: [%s], period: 5 ms, duration: %s}
+defaults: {transport: [%s], period: 5 ms, timeout: 5 s, duration: %s}
 runs:
   - {id: listener}
   - {id: waitset, receive: waitset, realtime: on}

@@ -162,7 +162,7 @@ class Explain(unittest.TestCase):
             ends.callback(answers.terminate)
             self.assertIn("pong answers", answers.stderr.readline())
             self.assertEqual(subprocess.run(ping, stdout=subprocess.DEVNULL, timeout=60).returncode, 0)
-            time.sleep(2)  # what came has been cut out
+            time.sleep(5)  # what came has been cut out
             agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
             os.kill(int(agent.stdout), signal.SIGKILL)
             self.assertEqual(answers.wait(timeout=180), 3)

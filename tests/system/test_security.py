@@ -10,7 +10,7 @@ from program import TRANSPORTS, Program
 
 SCENARIO = """
 hosts: namespaces
-defaults: {transport: [%s], period: 5 ms, duration: %s, realtime: on}
+defaults: {transport: [%s], period: 5 ms, timeout: 5 s, duration: %s, realtime: on}
 runs:
   - {id: secured, security: [authenticate, sign, encrypt]}
 """

@@ -316,7 +316,7 @@ class Ssh(unittest.TestCase):
         fifo = other / "lib/riscv64-linux-gnu/ontime" / transport.name
         fifo.unlink()
         os.mkfifo(fifo)
-        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=30)
+        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=180)
         self.assertIn(f"cannot read {fifo}", answer.stderr)
         self.assertEqual(answer.returncode, 3, answer.stderr)
 

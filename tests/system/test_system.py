@@ -89,7 +89,8 @@ class System(Program):
 
     def test_ping_and_pong_start_in_any_order_and_come_and_go(self):
         arguments = ["--transport", "udp", "--interface", "lo", "--domain", "77"]
-        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--format", "json")
+        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--wait", "60 s", "--timeout", "10 s", "--duration", "300 ms",
+                                 "--format", "json")
         time.sleep(0.3)
         pong = self.start_ontime("pong", *arguments)
         try:

@@ -117,17 +117,17 @@ class Repetition:
         before = state_of_machine()
         try:
             self.process = self.start(*self.command())
-            end = time.monotonic() + 60
+            end = time.monotonic() + 120
             while self.samples() == 0 and self.process.poll() is None and time.monotonic() < end:
                 time.sleep(0.02)
-            check(self.samples() > 0, "nothing was measured within a minute: " + self.words())
+            check(self.samples() > 0, "nothing was measured within two minutes: " + self.words())
             if self.harm is not None:
                 time.sleep(self.random.uniform(0, 1))
                 self.harm(self)
             try:
-                self.process.wait(60)
+                self.process.wait(120)
             except subprocess.TimeoutExpired:
-                raise Broken("it did not end within a minute: " + self.words()) from None
+                raise Broken("it did not end within two minutes: " + self.words()) from None
             self.finish()
             self.check_left(before)
             self.check_results()
@@ -162,7 +162,7 @@ class Repetition:
     def check_left(self, before):
         if self.everybody_is_gone:
             self.give_back()
-        end = time.monotonic() + 15
+        end = time.monotonic() + 60
         while (left := self.left(before)) and time.monotonic() < end:
             time.sleep(0.1)
         check(not left, "left: " + "; ".join(left))
