@@ -24,7 +24,7 @@ hosts:
 components:
   arm: {ssh: 198.18.2.2, program: %s, interface: test, address: 198.18.1.2}
   base: {ssh: 198.18.2.3, program: %s, interface: test, address: 198.18.1.3}
-defaults: {transport: %s, period: 5 ms, duration: %s, arm: {period: 2 ms, deadline: 2 ms}}
+defaults: {transport: %s, period: 5 ms, timeout: 10 s, duration: %s, arm: {period: 2 ms, deadline: 2 ms}}
 runs:
   - id: run
     %s
