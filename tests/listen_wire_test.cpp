@@ -83,6 +83,25 @@ TEST_F(OnTheWire, NumbersInALongGapAreNotLost) {
   EXPECT_EQ(flow().lost, 0U);
 }
 
+// Cyclone DDS tells a new reader that it sends nothing of its history.
+TEST_F(OnTheWire, GapForANewReaderClearsNoLossOfAnother) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().data(1).data(3));
+  arrive(Rtps().announce_reader("rt/scan", 2));
+  arrive(Rtps().gap(1, 5, 0, 0));
+  arrive(Rtps().data(5));
+  EXPECT_EQ(flow().lost, 1U);  // 2
+  arrive(Rtps().gap(6, 7, 0, 0));
+  arrive(Rtps().data(7));
+  EXPECT_EQ(flow().lost, 1U);
+  wire.set_clock(0, 0);
+  arrive(Rtps().data(1));
+  arrive(Rtps().gap(2, 3, 0, 0));
+  arrive(Rtps().data(3));
+  EXPECT_EQ(flow().lost, 1U);
+}
+
 TEST_F(OnTheWire, EndOfAnInstanceIsNoMessageAndNoLoss) {
   arrive(Rtps().data(1));
   arrive(Rtps().key(2));
@@ -134,6 +153,14 @@ TEST_F(OnTheWire, LastMessagesThatLackAFragmentAreLost) {
   arrive(Rtps().data(1));
   for (unsigned number = 2; number <= 5; ++number) arrive(Rtps().fragment(number, 1, 1, 2));
   EXPECT_EQ(flow().lost, 3U);  // 5 may be under way
+}
+
+TEST_F(OnTheWire, WriterWithoutACompleteMessageIsToldOf) {
+  arrive(Rtps().fragment(1, 1, 1, 2));
+  EXPECT_THAT(wire.findings().remarks, ::testing::IsEmpty());  // it may be under way
+  arrive(Rtps().fragment(2, 1, 1, 2));
+  EXPECT_THAT(wire.findings().flows, ::testing::IsEmpty());
+  EXPECT_THAT(wire.findings().remarks, ::testing::ElementsAre(::testing::HasSubstr("fragments")));
 }
 
 TEST_F(OnTheWire, FragmentsOfManyMessagesMayBeMixed) {

@@ -43,7 +43,8 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
     auto* const stream = stream_with(gap.writer, gap.last);
     if (stream == nullptr) return;
     if (stream->has_new_reader) pass_over_before(*stream, gap.first);
-    stream->sequence.pass_over(gap.first, gap.last);
+    // Of numbers before a new reader, it only tells that this one does not get them.
+    stream->sequence.pass_over(std::max(gap.first, stream->before_reader), gap.last);
   };
   visitor.heartbeat = [&](const rtps::Heartbeat& heartbeat) {
     auto* const stream = stream_with(heartbeat.writer, heartbeat.last);
@@ -63,7 +64,13 @@ void Wire::note(const rtps::Endpoint& endpoint) {
   if (readers_.contains(endpoint.guid)) return;
   if (readers_.size() < most_names) readers_.insert(endpoint.guid);
   const auto topic = ros_name(endpoint.topic);
-  for (auto& [writer, stream] : streams_) stream.has_new_reader |= topic_of(writer) == topic;
+  for (auto& [writer, stream] : streams_)
+    if (topic_of(writer) == topic) expect_reader(stream);
+}
+
+void Wire::expect_reader(Stream& stream) {
+  stream.has_new_reader = true;
+  stream.before_reader = stream.sequence.next();
 }
 
 void Wire::name_topic(const rtps::Guid& writer, const std::string& dds_topic) {
@@ -74,7 +81,7 @@ void Wire::name_topic(const rtps::Guid& writer, const std::string& dds_topic) {
   if (topics_.size() == most_names) return;
   topics_[writer] = ros_name(dds_topic);
   // Its reader may have been announced before.
-  if (const auto found = streams_.find(writer); found != streams_.end()) found->second.has_new_reader = true;
+  if (const auto found = streams_.find(writer); found != streams_.end()) expect_reader(found->second);
 }
 
 void Wire::interrupt() {
@@ -162,7 +169,7 @@ void Wire::restart(Stream& stream) {
   stream.sequence.restart();
   for (auto& [way, sequence] : stream.ways) sequence.restart();
   stream.rows.restart();
-  stream.last_seen = stream.last_stamped = 0;
+  stream.last_seen = stream.last_stamped = stream.before_reader = 0;
   stream.latest_stamp_ns = 0;
 }
 
@@ -307,8 +314,12 @@ void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, cons
 Findings Wire::findings() const {
   Findings findings;
   findings.misses_left_out = misses_.left_out();
+  std::size_t never_whole = 0;
   for (const auto& [guid, stream] : streams_) {
-    if (stream.messages == 0) continue;
+    if (stream.messages == 0) {
+      never_whole += stream.partial.size() > 1 ? 1 : 0;  // the latest may be under way
+      continue;
+    }
     std::set<std::string> destinations;
     for (const auto& [way, sequence] : stream.ways) destinations.insert(std::get<0>(way));
     const auto count = destinations.size();
@@ -323,6 +334,9 @@ Findings Wire::findings() const {
   if (cut_ > 0)
     findings.add_incomplete(fmt::format(
         "{} datagrams were captured only in part: losses and periods across them are not counted", cut_));
+  if (never_whole > 0)
+    findings.remarks.push_back(fmt::format(
+        "writers of which no message was complete: {}. Each message lacked fragments", never_whole));
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are not counted: there are more than {} writers", left_out_, most_writers));

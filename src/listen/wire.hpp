@@ -60,6 +60,7 @@ class Wire {
     bool is_broken = false;
     // A reader was announced since the latest number: numbers until the next one may have had no reader.
     bool has_new_reader = false;
+    std::uint64_t before_reader = 0;  // the next number when that reader was announced
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the largest number of a message that arrived
     std::map<Way, Sequence> ways;
@@ -67,6 +68,7 @@ class Wire {
     std::deque<Partial> partial;  // in order of arrival
   };
   void note(const rtps::Endpoint&);
+  static void expect_reader(Stream&);
   Stream* stream_of(const rtps::Guid&);
   static bool began_again(const Stream&, const rtps::Data&);
   void restart(Stream&);
