@@ -160,6 +160,19 @@ TEST(CompareAnswer, RowNamesBothTransports) {
   EXPECT_THAT(answer_of(compare_chosen(a, a)), ::testing::ContainsRegex("\nudp +0\\.17 %"));
 }
 
+TEST(CompareAnswer, RowNamesBothIds) {
+  std::vector<Summary> runs;
+  for (const auto* id : {"idle", "loaded"})
+    for (const bool realtime : {false, true}) {
+      const auto name = std::string(id) + (realtime ? "-rt" : "");
+      runs.push_back(with_misses(name, name, 100));
+      amend(runs.back().run.asked, {{"realtime", realtime}});
+      if (id == std::string("idle")) amend(runs.back().run.asked, {{"load", nullptr}});
+    }
+  const auto text = answer_of(compare_by(runs, "realtime", "false", "true"));
+  EXPECT_THAT(text, AllOf(HasSubstr("\nidle → idle-rt udp "), HasSubstr("\nloaded → loaded-rt udp ")));
+}
+
 TEST(CompareAnswer, RowIsNamedByIdAndTransportAndMoreOnlyToTellItApart) {
   std::vector<Summary> runs;
   for (const auto* id : {"idle", "loaded"})

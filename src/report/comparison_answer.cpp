@@ -87,7 +87,7 @@ std::vector<std::string> names_of_pairs(const Comparison& comparison) {
   for (std::size_t i = 0; i < pairs.size(); ++i) {
     const auto &from = pairs[i].from.front()->run.asked, &to = asked_of(i);
     std::vector<std::string> parts;
-    if (several_ids) parts.push_back(id_of(to));
+    if (several_ids) parts.push_back(from.id == to.id ? id_of(to) : id_of(from) + " → " + id_of(to));
     if (!to.is_listened() && !(several_ids && comparison.key == "transport")) {
       const auto before = word(from.task.transport), after = word(to.task.transport);
       parts.push_back(before == after ? after : fmt::format("{} → {}", before, after));
