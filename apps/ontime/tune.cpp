@@ -215,7 +215,7 @@ int verify(const TuneArguments& arguments) {
                    {"now", now},
                    {"is_so", is_so}});
     lines.push_back(fmt::format("{} {} {}: applied {}, {}{}", is_so ? "OK    " : "NOT OK", one.kind,
-                                settings::title_of(one), one.after.value_or(""),
+                                one.title, one.after.value_or(""),
                                 one.unseen.empty() ? "is " : "now unknown: ", now));
   }
   if (json_asked)

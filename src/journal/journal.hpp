@@ -49,6 +49,7 @@ struct Kind {
   // Only root acts on entries of this kind. Otherwise any program that writes a journal could make an ontime
   // with file capabilities use them.
   bool needs_root = true;
+  std::string (*title)(const std::string& what) = nullptr;  // for people; nullptr: `what` itself
 };
 
 // The changes of one process: a file under /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or
@@ -110,7 +111,7 @@ class Journal {
 
 // A kept change: the value before it, after it (the last time), and now.
 struct Kept {
-  std::string kind, where, what;  // `where` is only for comparison
+  std::string kind, where, what, title;  // `where` is only for comparison, `title` for people
   Value before, after, now;
   std::string unseen;  // why the present value is unknown; "": it is known
 };

@@ -79,6 +79,10 @@ const Kind* acceptable_kind(const Entry& entry, std::span<const Kind> more) {
   return kind;
 }
 
+std::string title_of(const Entry& entry, const Kind& kind) {
+  return kind.title == nullptr ? entry.what : kind.title(entry.what);
+}
+
 template <class One>
 bool is_of(const One& one, const Entry& entry) {
   return one.kind == entry.kind && one.where == entry.where && one.what == entry.what;
@@ -126,19 +130,19 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
       if (kind == nullptr)
         throw Error(fmt::format("this version of ontime, or this user, cannot undo {}",
                                 in_quotes(entry.kind + ' ' + entry.what)));
+      const auto title = title_of(entry, *kind);
       switch (undo(entry, *kind, contents)) {
         case Fate::undone:
-          done.say(entry, entry.before
-                              ? fmt::format("set {} {} back to {}, left by {}", entry.kind, entry.what,
-                                            *entry.before, whose)
-                              : fmt::format("removed {} {}, left by {}", entry.kind, entry.what, whose));
+          done.say(entry, entry.before ? fmt::format("set {} {} back to {}, left by {}", entry.kind, title,
+                                                     *entry.before, whose)
+                                       : fmt::format("removed {} {}, left by {}", entry.kind, title, whose));
           break;
         case Fate::nothing_there:
           left.forget(entry);  // as it was before all changes: a revert was killed before it noted that
           break;
         case Fate::not_ours:
           left.say(entry, fmt::format("left {} {} as it is: another program has changed it since {} did{}",
-                                      entry.kind, entry.what, whose,
+                                      entry.kind, title, whose,
                                       entry.before && !entry.before->empty()
                                           ? "; before that it was " + *entry.before
                                           : ""));
@@ -147,11 +151,11 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
           left.say(entry,
                    fmt::format("{} {} of {} is not visible here: its mount namespace has ended. Fix: if "
                                "it is on a disk, remove it there",
-                               entry.kind, entry.what, whose));
+                               entry.kind, title, whose));
           break;
         case Fate::out_of_sight:
           throw Error(fmt::format("{} {} of another {} namespace, which is not visible here or was deleted",
-                                  entry.kind, entry.what,
+                                  entry.kind, title,
                                   kind->scope == Scope::mount_namespace ? "mount" : "network"));
       }
       entry.done = true;
@@ -210,10 +214,11 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
     const bool first = known == all.end();
     auto& one = first ? all.emplace_back() : *known;
     const auto before = first ? entry.before : one.before;
-    one = {entry.kind, entry.where, entry.what, before, entry.after, {}, ""};
+    one = {entry.kind, entry.where, entry.what, entry.what, before, entry.after, {}, ""};
     try {
       const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr) throw Error("this version of ontime, or this user, cannot read it");
+      one.title = title_of(entry, *kind);
       const auto look = [&] { one.now = kind->read(entry.what); };
       if (entry.where == place(kind->scope)) {
         look();

@@ -113,10 +113,6 @@ std::string value_that_keeps(const Setting&, const Thing&, const std::string& no
 // Of all its things: one value if they are alike, "0=60,1=other", or each with its name. "": it has none.
 std::string values_that_keep(const State&);
 
-// What was changed, for people: "ksoftirqd/0 [14]" of a kernel's thread, whose number may be another one's
-// later.
-std::string title_of(const journal::Kept&);
-
 // An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
 std::vector<int> online_cpus();
 

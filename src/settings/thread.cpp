@@ -139,19 +139,28 @@ void write(const std::string& what, const journal::Value& value, const journal::
   if (!done) throw trouble(fmt::format("{} for thread {}", *value, name_of_thread(what)), errno);
 }
 
+// The number may be another one's later.
+std::string title_of_thread(const std::string& what) {
+  return fmt::format("{} [{}]", name_of_thread(what), pid_of(what));
+}
+
 }  // namespace
 
-const journal::Kind thread = {"thread", journal::Scope::machine, accepts, read, write};
-const journal::Kind thread_priority = {"thread priority", journal::Scope::machine, accepts_priority,
-                                       read_priority, write};
+const journal::Kind thread = {.name = "thread",
+                              .scope = journal::Scope::machine,
+                              .accepts = accepts,
+                              .read = read,
+                              .write = write,
+                              .title = title_of_thread};
+const journal::Kind thread_priority = {.name = "thread priority",
+                                       .scope = journal::Scope::machine,
+                                       .accepts = accepts_priority,
+                                       .read = read_priority,
+                                       .write = write,
+                                       .title = title_of_thread};
 
 std::string name_of_thread(const std::string& what) {
   return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));
-}
-
-std::string title_of(const journal::Kept& one) {
-  const bool is_thread = one.kind == thread.name || one.kind == thread_priority.name;
-  return is_thread ? fmt::format("{} [{}]", name_of_thread(one.what), pid_of(one.what)) : one.what;
 }
 
 std::vector<Thing> threads_named(const std::string& prefix) {

@@ -6,6 +6,7 @@ programs: chrt, ps, cat. Needs root, and skips without. ONTIME names the program
 import json
 import os
 import pathlib
+import re
 import shlex
 import shutil
 import signal
@@ -251,8 +252,12 @@ class Tune(unittest.TestCase):
         self.assertEqual(verified.returncode, 1)
         self.assertIn("applied 40, is 41", verified.stdout)
         BUSY_POLL.write_text("40")
-        self.assertEqual(self.ontime("tune", "revert").returncode, 0)
+        reverted = self.ontime("tune", "revert")
+        self.assertEqual(reverted.returncode, 0)
         self.assert_given_back()
+        one, other = (set(re.findall(r"(\S*ksoftirqd\S* \[\d+\])", answer.stdout)) for answer in (verified, reverted))
+        self.assertTrue(one)
+        self.assertEqual(one, other, reverted.stdout)
 
     def test_what_cannot_be_told_is_not_applied(self):
         with open("/dev/full", "w") as full:
