@@ -126,8 +126,10 @@ class Listening {
     sensor->listen_for(0ms);  // finds the nodes and sets probes, which takes seconds on a busy machine
     cost_.begin();
     if (budget_) budget_->begin(*sensor, explainer != nullptr);
+    bool has_listened = false;
     std::chrono::steady_clock::time_point hand_over_at;
     while (interrupts == 0 && (!time_ || cost_.listened() < *time_)) {
+      has_listened = true;
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
@@ -155,7 +157,7 @@ class Listening {
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
     // Without --for, live listening ends by Ctrl-C.
-    const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording());
+    const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording() || !has_listened);
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     if (output_failed_) std::rethrow_exception(output_failed_);
     write(findings);

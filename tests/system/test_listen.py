@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import pathlib
+import pty
 import re
 import shutil
 import signal
@@ -311,6 +312,20 @@ class Listen(Robot):
         said = listener.communicate(timeout=60)[0]
         is_short = float(re.search(r"for ([0-9.]+) s", said)[1]) < 1
         self.assertEqual("cost " in said, not is_short, said)
+
+    def test_listener_that_is_interrupted_before_it_listens_judges_no_limit(self):
+        ours, its = pty.openpty()
+        listener = subprocess.Popen([ONTIME, "listen", "--age", "1 ms"], stdin=its, stdout=its, stderr=its, env={**os.environ, "TERM": "xterm"})
+        self.addCleanup(listener.kill)
+        os.close(its)
+        shown = ""
+        with contextlib.suppress(OSError):  # the other side was closed
+            while part := os.read(ours, 4096).decode():
+                if "setting probes" not in shown and "setting probes" in shown + part:
+                    listener.send_signal(signal.SIGINT)
+                shown += part
+        os.close(ours)
+        self.assertEqual(listener.wait(timeout=60) == 130, "listening:" not in shown, shown)
 
     def test_costly_functions_are_named_only_if_they_were_called(self):
         nodes = self.pair(1000)
