@@ -24,6 +24,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// "ontime tune apply".
+std::string path_of(const CLI::App& command) {
+  return (command.get_parent() == nullptr ? "" : path_of(*command.get_parent()) + " ") + command.get_name();
+}
+
 // What the user may have meant by the first word that the command does not know.
 std::string meant(const CLI::App& command, const std::vector<std::string>& unknown) {
   if (unknown.empty()) return "";
@@ -33,6 +38,8 @@ std::string meant(const CLI::App& command, const std::vector<std::string>& unkno
     for (const auto* option : command.get_options())
       if (!option->get_group().empty())
         for (const auto& name : option->get_lnames()) words.push_back("--" + name);
+    if (std::ranges::count(words, word) > 0)
+      return fmt::format(". Fix: write {} after {}", word, path_of(command));
   } else {
     for (const auto* one : command.get_subcommands({}))
       if (!one->get_group().empty()) words.push_back(one->get_name());
@@ -51,11 +58,6 @@ std::string as_value(const CLI::App& command, const std::string& word) {
                            : takes("--peer") && has(".:")                                     ? "--peer "
                                                                                               : "";
   return *flag == '\0' ? "" : std::string(". Fix: ") + flag + table::shell_line({word});
-}
-
-// "ontime tune apply".
-std::string path_of(const CLI::App& command) {
-  return (command.get_parent() == nullptr ? "" : path_of(*command.get_parent()) + " ") + command.get_name();
 }
 
 // The command that the user named: CLI11 reports a command's errors as the program's own.

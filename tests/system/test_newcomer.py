@@ -75,6 +75,13 @@ class Newcomer(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn("option '--verison'", self.ontime(*arguments, code=2).stderr)
 
+    def test_an_option_before_its_command_is_told_its_place(self):
+        for place, *arguments in (("--format after ontime report", "--format", "json", "report", "x.ontime"),
+                                  ("--full after ontime report", "--full", "report"),
+                                  ("--set after ontime tune apply", "tune", "--set", "gro=off", "apply")):
+            with self.subTest(arguments):
+                self.assertIn(place, self.ontime(*arguments, code=2).stderr)
+
     def test_an_interrupted_run_says_once_how_to_go_on(self):
         for name in ("one", "two"):
             (self.folder / f"{name}.yaml").write_text(f"hosts: loopback\nruns: [{{id: {name}, transport: udp, duration: 60 s}}]\n")
