@@ -199,6 +199,7 @@ void Terminal::begins(const campaign::Run& run) {
     const std::lock_guard lock(line_mutex);
     next(run);
     duration_ = run.task.client.duration;
+    if (!interactive_) say("{}  starting: {} of messages\n", head(), report::duration(duration_));
   }
   does("starting");
 }

@@ -279,6 +279,12 @@ class Newcomer(unittest.TestCase):
         self.assertRegex(shown, r"\[1/2, ≥ [0-9]+ s left\] a udp  starting")
         self.assertRegex(shown, r"\[2/2, [0-9]+ s left\] b udp  starting")
 
+    def test_log_of_a_run_says_what_begins(self):
+        (self.folder / "two.yaml").write_text("hosts: loopback\ndefaults: {transport: udp, duration: 200 ms}\n"
+                                              "runs: [{id: a}, {id: b}]\n")
+        said = self.ontime("run", "./two.yaml").stderr
+        self.assertRegex(said, r"\[1/2, ≥ [0-9]+ s left\] a udp .*200 ms.*\n\[1/2.*\n\[2/2, [0-9]+ s left\] b udp .*200 ms.*\n\[2/2")
+
     def test_progress_is_cut_between_words(self):
         shown = self.on_a_terminal("ping", "--transport", "udp", "--peer", "127.0.0.1:9", "--wait", "300 ms", columns=36,
                                    LC_ALL="C.UTF-8").decode()
