@@ -318,14 +318,14 @@ class Listen(Robot):
         listener = subprocess.Popen([ONTIME, "listen", "--age", "1 ms"], stdin=its, stdout=its, stderr=its, env={**os.environ, "TERM": "xterm"})
         self.addCleanup(listener.kill)
         os.close(its)
-        shown = ""
+        shown = b""
         with contextlib.suppress(OSError):  # the other side was closed
-            while part := os.read(ours, 4096).decode():
-                if "setting probes" not in shown and "setting probes" in shown + part:
+            while part := os.read(ours, 4096):
+                if b"setting probes" not in shown and b"setting probes" in shown + part:
                     listener.send_signal(signal.SIGINT)
                 shown += part
         os.close(ours)
-        self.assertEqual(listener.wait(timeout=60) == 130, "listening:" not in shown, shown)
+        self.assertEqual(listener.wait(timeout=60) == 130, b"listening:" not in shown, shown)
 
     def test_costly_functions_are_named_only_if_they_were_called(self):
         nodes = self.pair(1000)
