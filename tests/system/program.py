@@ -5,11 +5,13 @@ import contextlib
 import json
 import os
 import pathlib
+import pty
 import shutil
 import signal
 import sqlite3
 import subprocess
 import tempfile
+import termios
 import time
 import unittest
 
@@ -57,6 +59,24 @@ def eventually(true, seconds=120):
             return True
         time.sleep(0.05)
     return true()
+
+
+def on_a_terminal(command, columns=80, when=lambda shown: False, then=lambda process: None, **options):
+    """What a terminal got of a command, as bytes, and its process. The first time that `when` is true of what was shown,
+    `then` is called. A read may end within a character."""
+    ours, its = pty.openpty()
+    termios.tcsetwinsize(its, (24, columns))
+    process = subprocess.Popen(command, **{"stdin": its, "stdout": its, "stderr": its, **options})
+    os.close(its)
+    shown, called = b"", False
+    with contextlib.suppress(OSError):  # the other side was closed
+        while part := os.read(ours, 4096):
+            shown += part
+            if not called and when(shown):
+                called = True
+                then(process)
+    os.close(ours)
+    return shown, process
 
 
 def pages_moved():

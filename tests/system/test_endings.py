@@ -17,7 +17,7 @@ import time
 import unittest
 import xml.etree.ElementTree
 
-from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, kill_at_once, namespaces, processes_with
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, kill_at_once, namespaces, on_a_terminal, processes_with
 
 LOADED_FIRST = """
 hosts: namespaces
@@ -65,21 +65,15 @@ class Endings(Program):
 
     def test_interrupted_before_the_first_message_it_begins_nothing_more(self):
         gate = self.gated_load()
-        master, slave = os.openpty()
-        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--explain",
-                                    "--results", self.results], stdin=slave, stdout=slave, stderr=slave,
-                                   env={**self.environment, "TERM": "xterm", "LC_ALL": "C.UTF-8"})
+
+        def interrupt(process):
+            process.send_signal(signal.SIGINT)
+            self.addCleanup(os.close, os.open(gate, os.O_RDWR))  # it stays open
+
+        shown, process = on_a_terminal([ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--explain",
+                                        "--results", self.results], when=lambda shown: b"starting load" in shown, then=interrupt,
+                                       env={**self.environment, "TERM": "xterm", "LC_ALL": "C.UTF-8"})
         self.addCleanup(process.kill)
-        os.close(slave)
-        shown, opened = b"", None
-        with contextlib.suppress(OSError):  # the other side was closed
-            while part := os.read(master, 4096):
-                shown += part
-                if opened is None and b"starting load" in shown:
-                    process.send_signal(signal.SIGINT)
-                    opened = os.open(gate, os.O_RDWR)  # and stays so
-                    self.addCleanup(os.close, opened)
-        os.close(master)
         shown = shown.decode()
         self.assertEqual(process.wait(timeout=180), 130, shown)
         steps = list(dict.fromkeys(re.findall(r"udp  ([\w ]+) …", shown)))

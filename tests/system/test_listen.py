@@ -7,7 +7,6 @@ import contextlib
 import json
 import os
 import pathlib
-import pty
 import re
 import shutil
 import signal
@@ -19,7 +18,7 @@ import time
 import unittest
 import urllib.request
 
-from program import eventually, trace_instances
+from program import eventually, on_a_terminal, trace_instances
 from robot import ENVIRONMENT, FASTDDS_NODE, LATE, MESSAGES, NODE, ONTIME, REALTIME, RMW_NODE, Robot, begin, changed_code, log_of, until_probed
 
 DDS_STAND_INS = pathlib.Path(RMW_NODE).parent.parent / "tests/listen"
@@ -314,17 +313,9 @@ class Listen(Robot):
         self.assertEqual("cost " in said, not is_short, said)
 
     def test_listener_that_is_interrupted_before_it_listens_judges_no_limit(self):
-        ours, its = pty.openpty()
-        listener = subprocess.Popen([ONTIME, "listen", "--age", "1 ms"], stdin=its, stdout=its, stderr=its, env={**os.environ, "TERM": "xterm"})
+        shown, listener = on_a_terminal([ONTIME, "listen", "--age", "1 ms"], when=lambda shown: b"setting probes" in shown,
+                                        then=lambda process: process.send_signal(signal.SIGINT), env={**os.environ, "TERM": "xterm"})
         self.addCleanup(listener.kill)
-        os.close(its)
-        shown = b""
-        with contextlib.suppress(OSError):  # the other side was closed
-            while part := os.read(ours, 4096):
-                if b"setting probes" not in shown and b"setting probes" in shown + part:
-                    listener.send_signal(signal.SIGINT)
-                shown += part
-        os.close(ours)
         self.assertEqual(listener.wait(timeout=60) == 130, b"listening:" not in shown, shown)
 
     def test_costly_functions_are_named_only_if_they_were_called(self):

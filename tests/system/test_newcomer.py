@@ -5,16 +5,14 @@
 import contextlib
 import os
 import pathlib
-import pty
 import re
 import signal
 import sqlite3
 import subprocess
 import tempfile
-import termios
 import unittest
 
-from program import ONTIME, eventually, sample_count
+from program import ONTIME, eventually, on_a_terminal, sample_count
 
 
 class Newcomer(unittest.TestCase):
@@ -208,21 +206,10 @@ class Newcomer(unittest.TestCase):
         self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
                          ["Measure", "Understand", "Tune", "Try", "Set up"])
 
-    def on_a_terminal(self, *arguments, columns=80, watched=lambda shown: None, **environment):
-        """What a terminal got, as bytes. With each part `watched` sees all until then."""
-        ours, its = pty.openpty()
-        termios.tcsetwinsize(its, (24, columns))
-        child = subprocess.Popen([ONTIME, *arguments], cwd=self.folder, stdin=its, stdout=its, stderr=its,
-                                 env={**os.environ, "TERM": "xterm", **environment})
-        os.close(its)
-        shown = b""
-        try:
-            while part := os.read(ours, 4096):
-                shown += part
-                watched(shown)
-        except OSError:  # the other side was closed
-            pass
-        os.close(ours)
+    def on_a_terminal(self, *arguments, watched=None, columns=80, **environment):
+        """What a terminal got, as bytes. `watched`: as `when` and `then` of program's."""
+        shown, child = on_a_terminal([ONTIME, *arguments], columns, **(watched or {}), cwd=self.folder,
+                                     env={**os.environ, "TERM": "xterm", **environment})
         child.wait(timeout=120)
         return shown
 
@@ -233,7 +220,7 @@ class Newcomer(unittest.TestCase):
             self.assertTrue(eventually(lambda: sample_count(self.folder / "r.ontime") > 0), ping.poll())
             # ontime watch lets all others run first: on a busy machine it is seldom its turn.
             shown = self.on_a_terminal("watch", "r.ontime", columns=40, LC_ALL="C.UTF-8",
-                                       watched=lambda shown: shown.count(b"\x1b[J") > 1 and ping.terminate())
+                                       watched={"when": lambda shown: shown.count(b"\x1b[J") > 1, "then": lambda _: ping.terminate()})
             shown = shown.decode().replace("\r\n", "\n")
         first, *others = re.split("\x1b\\[([0-9]+)A\x1b\\[J", shown)
         self.assertGreater(len(others), 0, shown)

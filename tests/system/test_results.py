@@ -18,7 +18,7 @@ import unittest.mock
 import xml.etree.ElementTree
 
 import results
-from program import eventually
+from program import eventually, on_a_terminal
 from results import ONTIME
 
 
@@ -188,16 +188,9 @@ class Results(results.Results):
         self.enterContext(environment)
         arguments = ("run", str(path), "--results", str(self.results), "--resume")
         self.ontime(*arguments, code=3)
-        terminal, other_end = os.openpty()
-        with open(terminal, "rb", buffering=0) as screen:
-            process = subprocess.Popen([ONTIME, *arguments], stdout=subprocess.DEVNULL, stderr=other_end, cwd=self.folder,
+        shown, process = on_a_terminal([ONTIME, *arguments], stdin=None, stdout=subprocess.DEVNULL, cwd=self.folder,
                                        env=dict(os.environ, TERM="xterm"))
-            self.addCleanup(lambda: (process.kill(), process.wait()))
-            os.close(other_end)
-            shown = b""
-            with contextlib.suppress(OSError):  # it has closed
-                while more := screen.read(4096):
-                    shown += more
+        self.addCleanup(process.kill)
         self.assertEqual(process.wait(180), 3)
         line = next(line for line in shown.decode().split("\r\n") if "skipped (already" in line)
         self.assertRegex(line, r"^(.*\r\x1b\[K)?\[3/3[^…]* c udp  skipped \(already in results\)$")
