@@ -52,7 +52,11 @@ class Rtps {
     add_sequence(body, number);
     return submessage(0x15, 9, body);
   }
+  // Of 1000 bytes each. Only so many are there.
   Rtps& fragment(std::uint64_t number, unsigned first, unsigned count, unsigned total) {
+    return fragment(number, first, count, total, std::size_t{1000} * count);
+  }
+  Rtps& fragment(std::uint64_t number, unsigned first, unsigned count, unsigned total, std::size_t there) {
     Bytes body;
     add(body, {0, 0, 28, 0, 0, 0, 0, 0, 0, 0, 0x12, 0x03});
     add_sequence(body, number);
@@ -60,6 +64,7 @@ class Rtps {
     add_little(body, count, 2);
     add_little(body, 1000, 2);
     add_little(body, total * 1000, 4);
+    body.resize(body.size() + there);
     return submessage(0x16, 1, body);
   }
   Rtps& gap(std::uint64_t first, std::uint64_t base, unsigned bits, std::uint32_t word) {

@@ -78,6 +78,29 @@ TEST_F(OnTheWire, GapForANewReaderClearsNoLossOfAnother) {
   EXPECT_EQ(flow().lost, 1U);
 }
 
+// Its announcement passes the point of capture some messages before it reaches the writer.
+TEST_F(OnTheWire, GapForAReaderThatItsWriterKnowsLaterClearsNoLossOfAnother) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().data(1));
+  arrive(Rtps().announce_reader("rt/scan", 2));
+  arrive(Rtps().data(2).data(4));
+  arrive(Rtps().gap(1, 5, 0, 0));
+  arrive(Rtps().data(5));
+  EXPECT_EQ(flow().lost, 1U);  // 3
+  arrive(Rtps().data(7).gap(6, 7, 0, 0));
+  EXPECT_EQ(flow().lost, 1U);
+}
+
+TEST_F(OnTheWire, EndOfAnInstanceThatANewReaderMissedIsNoLoss) {
+  arrive(Rtps().announce("rt/scan"));
+  arrive(Rtps().announce_reader("rt/scan"));
+  arrive(Rtps().data(1).heartbeat(1, 2));
+  arrive(Rtps().announce_reader("rt/scan", 2));
+  arrive(Rtps().key(2).data(3));
+  EXPECT_EQ(flow().lost, 0U);
+}
+
 TEST_F(OnTheWire, EndOfAnInstanceIsNoMessageAndNoLoss) {
   arrive(Rtps().data(1));
   arrive(Rtps().key(2));
@@ -137,6 +160,27 @@ TEST_F(OnTheWire, WriterWithoutACompleteMessageIsToldOf) {
   arrive(Rtps().fragment(2, 1, 1, 2));
   EXPECT_THAT(wire.findings().flows, ::testing::IsEmpty());
   EXPECT_THAT(wire.findings().remarks, ::testing::ElementsAre(::testing::HasSubstr("fragments")));
+}
+
+TEST_F(OnTheWire, WriterIsNotToldOfForAMessageThatBeganBeforeTheCapture) {
+  arrive(Rtps().fragment(1, 2, 1, 3).fragment(2, 1, 1, 3));
+  EXPECT_THAT(wire.findings().remarks, ::testing::IsEmpty());
+  arrive(Rtps().fragment(3, 1, 1, 3));
+  EXPECT_THAT(wire.findings().remarks, ::testing::ElementsAre(::testing::HasSubstr("fragments")));
+}
+
+TEST_F(OnTheWire, SubmessageWithFewerBytesThanItsFragmentsIsIgnored) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().fragment(2, 1, 3, 3, 2999));
+  arrive(Rtps().data(3));
+  EXPECT_EQ(flow().messages, 2U);
+  EXPECT_EQ(flow().lost, 1U);
+}
+
+TEST_F(OnTheWire, FragmentsInADatagramCutShortAreThere) {
+  arrive(Rtps().data(1));
+  arrive_cut(Rtps().fragment(2, 1, 3, 3));
+  EXPECT_EQ(flow().messages, 2U);
 }
 
 TEST_F(OnTheWire, FragmentsOfManyMessagesMayBeMixed) {

@@ -64,7 +64,7 @@ void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fflush(stderr);
 }
 
-// A terminal can be stopped (Ctrl-S). A thread that waits for it must not hold the line.
+// A terminal can be stopped (Ctrl-S), and a pipe be full. A thread that waits for it must not hold the line.
 bool can_write() {
   pollfd out{STDERR_FILENO, POLLOUT, 0};
   return poll(&out, 1, 0) == 1 && (out.revents & POLLOUT) != 0;
@@ -199,7 +199,9 @@ void Terminal::begins(const campaign::Run& run) {
     const std::lock_guard lock(line_mutex);
     next(run);
     duration_ = run.task.client.duration;
-    if (!interactive_) say("{}  starting: {} of messages\n", head(), report::duration(duration_));
+    // A log that nobody reads must not hold a run before it is measured.
+    if (!interactive_ && can_write())
+      say("{}  starting: {} of messages\n", head(), report::duration(duration_));
   }
   does("starting");
 }

@@ -74,6 +74,7 @@ class Datagram {
       if (size == 0 && kind != pad && kind != info_timestamp) size = bytes.size();
       if (size > bytes.size() && !is_cut) return;
       size = std::min(size, bytes.size());
+      is_cut_ = is_cut && size == bytes.size();
       submessage(kind, flags, bytes.first(size));
       bytes = bytes.subspan(size);
     }
@@ -131,16 +132,19 @@ class Datagram {
     found.writer = guid(in.bytes<4>());
     found.sequence = in.sequence();
     found.stamp_ns = stamp_ns_;
+    std::uint64_t needed = 0;  // bytes of payload
     if (is_fragment) {
       Fragments fragments;
       fragments.first = in.number<std::uint32_t>();
       fragments.count = in.number<std::uint16_t>();
-      const auto fragment_bytes = in.number<std::uint16_t>();
+      const std::uint64_t fragment_bytes = in.number<std::uint16_t>();
       const auto bytes = in.number<std::uint32_t>();
       if (fragment_bytes == 0 || fragments.first == 0 || fragments.count == 0) return;
-      fragments.total = bytes / fragment_bytes + (bytes % fragment_bytes != 0 ? 1 : 0);
+      fragments.total = static_cast<std::uint32_t>((bytes + fragment_bytes - 1) / fragment_bytes);
       if (fragments.first > fragments.total || fragments.count > fragments.total - fragments.first + 1)
         return;
+      const auto before = (fragments.first - 1) * fragment_bytes;
+      needed = std::min(fragments.count * fragment_bytes, bytes - before);
       found.fragments = fragments;
     }
     if (in.is_beyond() || found.sequence == 0 || qos_at < in.position()) return;
@@ -149,10 +153,11 @@ class Datagram {
     const bool has_qos = (flags & 2U) != 0, has_payload = is_fragment || (flags & 4U) != 0;
     if (has_qos && !skip_parameters(in)) return;
     if (!has_payload) {
-      if (visitor_.gap) visitor_.gap({found.writer, found.sequence, found.sequence});
+      if (visitor_.gap) visitor_.gap({found.writer, found.sequence, found.sequence, true});
       return;
     }
     found.payload = in.rest();
+    if (found.payload.size() < needed && !is_cut_) return;
     if (visitor_.data) visitor_.data(found);
   }
 
@@ -191,6 +196,7 @@ class Datagram {
   const Visitor& visitor_;
   std::array<std::uint8_t, 12> prefix_{};
   std::optional<std::int64_t> stamp_ns_;
+  bool is_cut_ = false;  // the submessage, by the capture
 };
 
 std::string string_of(Reader in, std::size_t size) {

@@ -32,10 +32,11 @@ struct Data {
   std::span<const std::byte> payload;    // as far as the datagram has it
 };
 
-// Numbers that the writer will not send to this reader.
+// Numbers that are no messages, or that the writer will not send to this reader.
 struct Gap {
   Guid writer;
   std::uint64_t first = 0, last = 0;
+  bool is_end = false;  // of an instance: it is no message, for any reader
 };
 
 struct Heartbeat {
@@ -50,7 +51,8 @@ struct Visitor {
 };
 
 // Ignores datagrams that are not RTPS. The submessage that goes beyond the end is visited only if the capture
-// cut the datagram: else it is invalid, and no reader takes it.
+// cut the datagram: else it is invalid, and no reader takes it. The same
+// holds for a submessage with fewer bytes than the fragments that it states.
 void visit(std::span<const std::byte> datagram, const Visitor&, bool is_cut = false);
 
 // A writer or reader as announced by a discovery message.

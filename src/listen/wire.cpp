@@ -43,8 +43,10 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
     auto* const stream = stream_with(gap.writer, gap.last);
     if (stream == nullptr) return;
     if (stream->has_new_reader) pass_over_before(*stream, gap.first);
-    // Of numbers before a new reader, it only tells that this one does not get them.
-    stream->sequence.pass_over(std::max(gap.first, stream->before_reader), gap.last);
+    // From before a new reader on, it only tells that this reader does not get them. Its writer may know the
+    // reader later than its announcement was seen.
+    const bool is_history = !gap.is_end && gap.first < stream->before_reader;
+    stream->sequence.pass_over(is_history ? stream->sequence.next() : gap.first, gap.last);
   };
   visitor.heartbeat = [&](const rtps::Heartbeat& heartbeat) {
     auto* const stream = stream_with(heartbeat.writer, heartbeat.last);
@@ -317,7 +319,9 @@ Findings Wire::findings() const {
   std::size_t never_whole = 0;
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) {
-      never_whole += stream.partial.size() > 1 ? 1 : 0;  // the latest may be under way
+      // The latest may be under way, and the capture may have begun amid the first.
+      const auto seen = stream.partial.size() - (!stream.partial.empty() && !stream.partial.front().seen[0] ? 1 : 0);
+      never_whole += seen > 1 ? 1 : 0;
       continue;
     }
     std::set<std::string> destinations;

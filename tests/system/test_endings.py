@@ -57,7 +57,7 @@ class Endings(Program):
         folder = pathlib.Path(self.folder, "programs")
         folder.mkdir()
         os.mkfifo(folder / "gate")
-        (folder / "stress-ng").write_text(f'#!/bin/sh\n: <{folder}/gate\nexec {shutil.which("stress-ng")} "$@"\n')
+        (folder / "stress-ng").write_text(f"#!/bin/sh\n: <'{folder}/gate'\nexec '{shutil.which('stress-ng')}' \"$@\"\n")
         for path, mode in (folder, 0o755), (folder / "gate", 0o644), (folder / "stress-ng", 0o755):
             path.chmod(mode)
         self.environment["PATH"] = f"{folder}:{os.environ['PATH']}"
