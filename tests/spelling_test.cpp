@@ -28,6 +28,7 @@ TEST(Spelling, AnotherCaseIsNearerThanAnotherLetter) {
 TEST(Spelling, TheBeginningOfAWordIsEnough) {
   EXPECT_EQ(nearest("cyclone", {"udp", "cyclonedds"}), "cyclonedds");
   EXPECT_EQ(nearest("comp", commands), "compare");
+  EXPECT_EQ(nearest("tun", {"run", "tune"}), "tune");  // and not another letter
 }
 
 TEST(Spelling, AnotherWordIsNotFound) {

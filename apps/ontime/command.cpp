@@ -69,7 +69,7 @@ const CLI::App& named(const CLI::App& from) {
 std::string message_of(const CLI::App* from, const CLI::Error& error) {
   const auto& command = named(*from);
   auto unknown = command.remaining(true);
-  if (unknown.empty()) unknown = from->remaining(true);  // before the command: "ontime help ping"
+  if (unknown.empty()) unknown = from->remaining(true);  // before the command: "ontime me ping"
   std::string text = error.what();
   const bool lacks_command =
       dynamic_cast<const CLI::RequiredError*>(&error) != nullptr && !command.get_subcommands({}).empty();
@@ -242,8 +242,16 @@ Program::Program(const std::string& name, const std::string& help, const std::st
 Program::~Program() = default;
 
 Action Program::parse(int argc, char** argv) {
+  std::vector<std::string> words(argv + 1, argv + argc);
+  // "ontime help ping", as other programs have it. An unknown command is refused below.
+  if (!words.empty() && words.front() == "help") {
+    words.erase(words.begin());
+    const auto is_first = [&](const CLI::App* command) { return command->get_name() == words.front(); };
+    if (words.empty() || !app_->get_subcommands(is_first).empty()) words.emplace_back("--help");
+  }
+  std::ranges::reverse(words);  // as CLI11 takes them
   try {
-    app_->parse(argc, argv);
+    app_->parse(std::move(words));
     return chosen_;
   } catch (const CLI::ParseError& error) {
     std::ostringstream help;

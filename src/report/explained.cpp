@@ -381,7 +381,7 @@ const char* word_of(explain::State state) {
 
 std::string span_of(std::int64_t ns) {
   const auto us = static_cast<double>(ns) / 1e3;
-  return us < 1000 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
+  return us < 999.5 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
 }
 
 std::string faults_of(const Account& account) {

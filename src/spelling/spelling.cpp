@@ -38,7 +38,7 @@ std::string nearest(const std::string& word, const std::vector<std::string>& wor
   auto least = std::max<std::size_t>(word.size() / letters_per_change, 1) + 1;
   for (const auto& one : words) {
     const bool begins = word.size() >= shortest_beginning && one.starts_with(word);
-    const auto needed = begins ? 1 : changes(word, one);
+    const auto needed = begins ? 0 : changes(word, one);
     if (needed >= least || needed >= word.size()) continue;
     least = needed;
     found = one;

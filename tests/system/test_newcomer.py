@@ -141,7 +141,12 @@ class Newcomer(unittest.TestCase):
             self.assertIn(f"Fix: {option}", self.ontime("ping", word, code=2).stderr)
 
     def test_a_word_before_the_command_is_named(self):
-        self.assertIn("unexpected argument 'help'", self.ontime("help", "ping", code=2).stderr)
+        self.assertIn("unexpected argument 'me'", self.ontime("me", "ping", code=2).stderr)
+
+    def test_help_is_a_command_too(self):
+        for command in [], ["ping"], ["tune", "apply"]:
+            self.assertEqual(self.ontime("help", *command).stdout, self.ontime(*command, "--help").stdout)
+        self.assertIn("'pimg' (did you mean 'ping'?)", self.ontime("help", "pimg", code=2).stderr)
 
     def test_an_option_that_is_given_twice_is_refused_by_name(self):
         said = self.ontime("ping", "--transport", "udp", "--duration", "1 s", "--duration", "2 s", code=2).stderr
