@@ -29,8 +29,10 @@ inline void write_setting(const std::string& path, const Value& value, const Val
 }
 inline bool is_setting(const std::string& path) { return path.find("/ontime-setting") != path.npos; }
 
+inline std::string title_of_setting(const std::string& path) { return "titled " + path; }
+
 constexpr Kind setting(const char* name, Scope scope, bool on_disk = false, bool needs_root = false) {
-  return {name, scope, is_setting, read_setting, write_setting, on_disk, needs_root};
+  return {name, scope, is_setting, read_setting, write_setting, on_disk, needs_root, title_of_setting};
 }
 inline const std::vector<Kind> settings = {
     setting("governor", Scope::machine), setting("qdisc", Scope::network_namespace),

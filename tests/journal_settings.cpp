@@ -37,7 +37,7 @@ TEST_F(Settings, ArePutBackInTheirOrder) {
 TEST_F(Settings, AreReadBack) {
   Journal journal(settings);
   EXPECT_THAT(error_of([&] { journal.change(governor, one_, "9000"); }),
-              AllOf(HasSubstr("9000"), HasSubstr("4096")));
+              AllOf(HasSubstr("titled " + one_), HasSubstr("9000"), HasSubstr("4096")));
   EXPECT_EQ(read_file(one_), "powersave") << "half a success is undone";
   EXPECT_EQ(error_of([&] { journal.change(governor, one_, "impossible"); }), "no such value");
   EXPECT_EQ(read_file(one_), "powersave");

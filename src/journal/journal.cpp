@@ -91,7 +91,7 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
   if (!kind.accepts(what))
     throw Error(fmt::format("{} is not a thing of kind '{}'", in_quotes(what), kind.name));
   if (kind.needs_root && geteuid() != 0)
-    throw Error(fmt::format("{} {} needs root. Fix: run as root", kind.name, what));
+    throw Error(fmt::format("{} {} needs root. Fix: run as root", kind.name, kind.title_of(what)));
   hold();
   const int fd = file_->fd.get();
   const auto before = kind.read(what);
@@ -108,8 +108,8 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
     if (wanted == to_be_made && now)
       append(fd, line_of_identity(index, *now));
     else if (now != wanted)
-      throw Error(fmt::format("{} {}: requested {}, is {}", kind.name, what, wanted.value_or("gone"),
-                              now.value_or("gone")));
+      throw Error(fmt::format("{} {}: requested {}, is {}", kind.name, kind.title_of(what),
+                              wanted.value_or("gone"), now.value_or("gone")));
   } catch (const MadeByAnother&) {
     cut(fd, static_cast<std::size_t>(length));
     --file_->entries;

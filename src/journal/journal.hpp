@@ -50,6 +50,8 @@ struct Kind {
   // with file capabilities use them.
   bool needs_root = true;
   std::string (*title)(const std::string& what) = nullptr;  // for people; nullptr: `what` itself
+
+  std::string title_of(const std::string& what) const { return title == nullptr ? what : title(what); }
 };
 
 // The changes of one process: a file under /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or

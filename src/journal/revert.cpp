@@ -34,7 +34,7 @@ Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
   if (is_ours(entry, now) && (same_place || now)) {
     kind.write(entry.what, entry.before, entry.after);
     if (kind.read(entry.what) == entry.before) return Fate::undone;
-    throw Error(fmt::format("{} {} cannot be restored", kind.name, entry.what));
+    throw Error(fmt::format("{} {} cannot be restored", kind.name, kind.title_of(entry.what)));
   }
   if (!same_place) return Fate::out_of_sight;
   return now == entry.before || !now ? Fate::nothing_there : Fate::not_ours;
@@ -77,10 +77,6 @@ const Kind* acceptable_kind(const Entry& entry, std::span<const Kind> more) {
   const auto* const kind = find_kind(entry.kind, more);
   if (kind == nullptr || !kind->accepts(entry.what) || (kind->needs_root && geteuid() != 0)) return nullptr;
   return kind;
-}
-
-std::string title_of(const Entry& entry, const Kind& kind) {
-  return kind.title == nullptr ? entry.what : kind.title(entry.what);
 }
 
 template <class One>
@@ -130,7 +126,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
       if (kind == nullptr)
         throw Error(fmt::format("this version of ontime, or this user, cannot undo {}",
                                 in_quotes(entry.kind + ' ' + entry.what)));
-      const auto title = title_of(entry, *kind);
+      const auto title = kind->title_of(entry.what);
       switch (undo(entry, *kind, contents)) {
         case Fate::undone:
           done.say(entry, entry.before ? fmt::format("set {} {} back to {}, left by {}", entry.kind, title,
@@ -218,7 +214,7 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
     try {
       const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr) throw Error("this version of ontime, or this user, cannot read it");
-      one.title = title_of(entry, *kind);
+      one.title = kind->title_of(entry.what);
       const auto look = [&] { one.now = kind->read(entry.what); };
       if (entry.where == place(kind->scope)) {
         look();
