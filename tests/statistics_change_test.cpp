@@ -154,6 +154,20 @@ TEST(Change, SpreadOfTheFewRunsThatDifferCountsBesideManyThatDoNot) {
 }
 
 // Copies of a file, or of a coarse clock: they do not show how much repetitions vary.
+// Of two runs with three slow answers of 300, and two with four, the p99 is that of two modes: by chance.
+TEST(Change, SpreadOfFewRunsDecidesNothingWhereTheirSamplesGiveNoLimit) {
+  const auto verdict_of = [](std::size_t before, std::size_t after) {
+    std::vector<Summary> from, to;
+    for (std::size_t i = 0; i < before; ++i)
+      from.push_back(with_p99({100.0 + static_cast<double>(i), {}, {}}));
+    for (std::size_t i = 0; i < after; ++i) to.push_back(with_p99({5000.0 + static_cast<double>(i), {}, {}}));
+    return change_of(from, to, Figure::p99)->verdict();
+  };
+  for (const std::size_t few : {2U, 3U, 4U}) EXPECT_EQ(verdict_of(few, few), Verdict::cannot_tell) << few;
+  EXPECT_EQ(verdict_of(5, 5), Verdict::worse);
+  EXPECT_EQ(verdict_of(2, 20), Verdict::worse);
+}
+
 TEST(Change, RepetitionsThatAreEqualProveNothing) {
   Random random(23);
   const auto& kind = kinds().front();

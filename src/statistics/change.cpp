@@ -6,6 +6,7 @@
 
 #include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/students_t.hpp>
+#include <boost/math/special_functions/binomial.hpp>
 
 #include "statistics/statistics.hpp"
 
@@ -68,7 +69,17 @@ double between_runs(const Side& from, const Side& to) {
   return std::max(together, deviate(own_degrees, one_sided_of_unequal) * std::sqrt(one + other));
 }
 
-Interval difference_lies(const Side& from, const Side& to) {
+// Whether the runs alone may decide, where the samples of single ones give no limit. Such a percentile can
+// have one of two values, as slow answers were just more or less than it takes: then the runs of a side may
+// be almost equal by chance. But in equal conditions, all of one side are rarely beyond all of the other.
+bool are_enough(std::size_t from, std::size_t to) {
+  constexpr double at_most = 0.02;  // of both directions, as the interval
+  return 2 / boost::math::binomial_coefficient<double>(static_cast<unsigned>(from + to),
+                                                       static_cast<unsigned>(from)) <=
+         at_most;
+}
+
+Interval difference_lies(const Side& from, const Side& to, bool runs_decide) {
   const double value = to.value - from.value;
   double below = std::hypot(to.below, from.above), above = std::hypot(to.above, from.below);
   if (from.runs + to.runs > 2) {
@@ -76,7 +87,7 @@ Interval difference_lies(const Side& from, const Side& to) {
     // What one run leaves open is part of what makes its repetitions differ. Equal ones do not tell how much:
     // they are copies, or of a coarse clock.
     const double rounding = 1e-9 * std::max(std::abs(from.value), std::abs(to.value));
-    const bool suffices = are_repeated(from, to) && between > rounding;
+    const bool suffices = runs_decide && between > rounding;
     below = suffices && !std::isfinite(below) ? between : std::max(below, between);
     above = suffices && !std::isfinite(above) ? between : std::max(above, between);
   }
@@ -120,13 +131,13 @@ Known known_of(const std::vector<const Summary*>& runs, Times times, Figure figu
   return known;
 }
 
-void set_ratio(Change& change, const Known& from, const Known& to) {
+void set_ratio(Change& change, const Known& from, const Known& to, bool runs_decide) {
   const auto positive = [](const Measured& one) { return one.value > 0; };
   if (!std::ranges::all_of(from.runs, positive) || !std::ranges::all_of(to.runs, positive)) return;
   const auto log = [](double value) { return value > 0 ? std::log(value) : -infinite; };
   change.ratio = change.to / change.from;
   // Of the geometric means, which may lie elsewhere where repetitions differ much.
-  const auto lies = difference_lies(from.side(log), to.side(log));
+  const auto lies = difference_lies(from.side(log), to.side(log), runs_decide);
   if (lies.low) change.ratio_lies.low = std::min(std::exp(*lies.low), *change.ratio);
   if (lies.high) change.ratio_lies.high = std::max(std::exp(*lies.high), *change.ratio);
 }
@@ -179,7 +190,9 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   if (before.runs.empty() || after.runs.empty()) return {};
   // The interval of one run's mean allows for a message as late as the time-out that it did not see. What
   // several runs did not see is no change; two may both have missed it.
-  if (figure == Figure::mean && before.runs.size() > 2 && after.runs.size() > 2)
+  const bool is_mean_of_several = figure == Figure::mean && before.runs.size() > 2 && after.runs.size() > 2;
+  const bool runs_decide = is_mean_of_several || are_enough(before.runs.size(), after.runs.size());
+  if (is_mean_of_several)
     for (auto* known : {&before, &after})
       for (auto& run : known->runs) run.surer = {};
   const auto as_it_is = [](double value) { return value; };
@@ -201,11 +214,11 @@ std::optional<Change> change(const std::vector<const Summary*>& from, const std:
   // Equal means, of other values, may differ by their rounding.
   const bool is_rounding = std::abs(other.value - one.value) <= 1e-12 * std::abs(one.value);
   change.to = is_rounding ? one.value : other.value;
-  change.difference_lies = difference_lies(one, other);
+  change.difference_lies = difference_lies(one, other, runs_decide);
   if (metric_of(figure).is_share)
     for (auto* end : {&change.difference_lies.low, &change.difference_lies.high})
       if (*end) *end = std::clamp(**end, -1.0, 1.0);
-  set_ratio(change, before, after);
+  set_ratio(change, before, after, runs_decide);
   const auto& lies = change.lies();
   const double same = change.ratio ? 1 : 0;
   if (is_above(lies, same)) change.tendency = Tendency::more;
