@@ -18,6 +18,7 @@ using roundtrip::Fate;
 using roundtrip::Sample;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 TEST(OwnMessages, OnTimeMessagesNeedNoCause) {
   for (const bool is_late : {false, true}) {
@@ -44,6 +45,17 @@ TEST(RenderExplained, RunsWithoutExplainAreCountedInOneLine) {
   EXPECT_THAT(render_explained(all, Format::table),
               AllOf(HasSubstr("nothing was late or lost"), HasSubstr("11 of the 12 runs")));
   EXPECT_THAT(render_explained({all.back()}, Format::table), HasSubstr("run 0"));
+}
+
+TEST(RenderExplained, SkippedCyclesAreCounted) {
+  Explained one;
+  one.account.traced = true;
+  one.account.late = 8;
+  one.run.outcome.counters.skipped_cycles = 35;
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("35 cycles were skipped"));
+  EXPECT_EQ(nlohmann::json::parse(render_explained({one}, Format::json)).at(0).at("skipped_cycles"), 35);
+  one.run.outcome.counters.skipped_cycles = 0;
+  EXPECT_THAT(render_explained({one}, Format::table), Not(HasSubstr("skipped")));
 }
 
 TEST(RenderExplained, RunThatFailedSaysSo) {

@@ -51,7 +51,7 @@ TEST(TableFormat, TellsTheBackgroundAndLoudlyWhereTheyWereNotThere) {
               HasSubstr(", at 20 kHz, in"));
   came["neighbours"]["to_component"] = way(5000, 5000, 3000);
   text = render({summary(with_background(), came)}, Format::markdown);
-  EXPECT_THAT(text, HasSubstr("BACKGROUND TOPICS SHORTFALL: 5,000 of 5,000 arrived at the component "
+  EXPECT_THAT(text, HasSubstr("BACKGROUND TOPICS SHORTFALL: 5,000 of 8,000 arrived at the component "
                               "(3,000 not sent because their sender overran its period)"));
   EXPECT_THAT(render({summary(asked("a", "udp"), outcome())}, Format::markdown), Not(HasSubstr("eighbours")));
 }

@@ -313,12 +313,14 @@ class Listening {
     if (!results.failure().empty())
       print_error(fmt::format("results: not all messages were recorded: {}", results.failure()));
     else if (results.runs() == 0)
-      print_error(
-          fmt::format("results: no run was added to {}: no age or period was measured", arguments_.results));
+      print_error(fmt::format(
+          "results: no run was added to {}: {}", arguments_.results,
+          results.known() > 0 ? "it has those of this recording already" : "no age or period was measured"));
     else
       print_error(
-          fmt::format("results: added {} to {}, one per age and period of a flow{}. Next: ontime {} {}",
+          fmt::format("results: added {} to {}, one per age and period of a flow{}{}. Next: ontime {} {}",
                       table::many(results.runs(), "run", "runs"), arguments_.results,
+                      results.known() > 0 ? "; it has the others of this recording already" : "",
                       most_bytes_ ? ", with the worst late messages" : "", most_bytes_ ? "explain" : "report",
                       table::shell_line({arguments_.results})));
   }

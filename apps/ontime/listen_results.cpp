@@ -357,7 +357,33 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
       writer_.end_run(kept.run, outcome);
     }
     writer_.flush();
+    if (is_recording_) forget_known();
   });
+}
+
+// A recording that is imported again is no repetition. Its messages have the times of its own clock.
+void ListenResults::forget_known() {
+  const auto reader = writer_.reader();
+  const auto runs = reader.runs();
+  const auto messages_of = [&](const record::Run& run) {
+    std::vector<std::pair<std::int64_t, std::int64_t>> messages;
+    reader.each_sample(run.number, [&](const roundtrip::Sample& sample) {
+      messages.emplace_back(sample.sent_ns, sample.received_ns);
+    });
+    return messages;
+  };
+  for (const auto& [key, kept] : kept_) {
+    const auto own = std::ranges::find(runs, kept.run, &record::Run::number);
+    if (own == runs.end()) continue;
+    const auto is_same = [&](const record::Run& other) {
+      return other.key == own->key && other.outcome.document == own->outcome.document &&
+             messages_of(other) == messages_of(*own);
+    };
+    if (std::none_of(runs.begin(), own, is_same)) continue;
+    writer_.forget_run(kept.run);
+    --runs_;
+    ++known_;
+  }
 }
 
 std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {

@@ -40,6 +40,8 @@ class ListenResults {
   void end(const listen::Findings& wanted, bool interrupted, const std::string& pauses = "");
   void forget();  // removes the runs from the file
   std::size_t runs() const { return runs_; }
+  // Runs of a recording that the file had before: they were not added.
+  std::size_t known() const { return known_; }
   // Why recording stopped, such as a full disk; empty: it did not.
   const std::string& failure() const { return failure_; }
 
@@ -85,6 +87,7 @@ class ListenResults {
   template <class Do>
   void until_it_fails(const Do&);
   void begin(Kept&, const listen::Flow&, listen::Row::Quantity);
+  void forget_known();
 
   record::Writer& writer_;
   const listen::Limits limits_;
@@ -94,7 +97,7 @@ class ListenResults {
   const machine::Activity before_ = machine::activity();
   std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
   std::set<std::string> names_;  // of runs
-  std::size_t runs_ = 0;
+  std::size_t runs_ = 0, known_ = 0;
   std::uint64_t left_out_ = 0;  // rows with invalid times
   std::string failure_;
 };

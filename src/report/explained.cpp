@@ -237,11 +237,16 @@ std::string text_of(const Explained& one, const Marks& marks, const std::vector<
   if (!account.traced) return heading(why_untraced(one));
   const auto faults = faults_of(account);
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
-  if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
+  if (faults.empty() && account.limits.empty() && account.messages.empty() &&
+      one.run.outcome.counters.skipped_cycles == 0)
+    return text;
   if (*marks.heading != '\0') text += "\n";
   std::vector<Listed> listed;
   for (const auto& group : account.groups) listed.push_back({group, "", explain::text_of(group.remedy)});
   text += text_of(listed, told, marks);
+  if (const auto skipped = one.run.outcome.counters.skipped_cycles; skipped > 0)
+    text += fmt::format("{}{}: ping still waited for an answer, or woke up too late\n", marks.item,
+                        many(skipped, "cycle was skipped", "cycles were skipped"));
   const auto slowest = std::ranges::find_if(
       account.messages, [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
   if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
@@ -355,6 +360,7 @@ ordered_json json_of(const Explained& one) {
           {"lost", one.account.lost},
           {"late_by_response_only", one.account.late_by_response},
           {"late_by_response", one.account.late_by_response},  // its old name, for one version
+          {"skipped_cycles", one.run.outcome.counters.skipped_cycles},
           {"causes", array_of(one.account.groups, to_json)},
           {"messages", array_of(one.account.messages, to_json)},
           {"limits", array_of(one.account.limits, [](const auto& limit) { return printable(limit); })}};

@@ -77,7 +77,7 @@ Remark traffic_remark(const Outcome& outcome) {
   return by_shortfall("TRAFFIC SHORTFALL: ", "traffic: ", any_short, ways);
 }
 
-// The background topics' messages; in capitals if fewer were sent than requested.
+// The background topics' messages, of those requested; in capitals if it is short of them.
 Remark background_remark(const Outcome& outcome) {
   using Seen = record::BackgroundSeen;
   static constexpr Counter<Seen> others[] = {
@@ -90,8 +90,8 @@ Remark background_remark(const Outcome& outcome) {
   bool any_short = false;
   for (const auto& [way, seen] : outcome.background) {
     any_short = any_short || seen.is_short;
-    const auto text =
-        fmt::format("{} of {} arrived at the {}", grouped(seen.received), grouped(seen.sent), end_of(way));
+    const auto text = fmt::format("{} of {} arrived at the {}", grouped(seen.received),
+                                  grouped(seen.sent + seen.refused + seen.skipped_cycles), end_of(way));
     std::vector<std::string> details;
     for (const auto& [counter, what] : others)
       if (const auto number = seen.*counter; number > 0)

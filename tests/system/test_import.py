@@ -145,6 +145,16 @@ class Import(results.Results):
             self.assertRegex(report, r"(?s)Caution: .*100\s+of\s+100\s+stamps\s+of\s+/scan\s+are\s+later")
             self.assertEqual(code == 1, bool(re.search(r"/scan age .* open", report)), report)
 
+    def test_a_bag_that_is_imported_again_is_no_repetition(self):
+        bag = self.bag([50] * 20)
+        runs = lambda: json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        for limits, count in ((["--deadline", "55ms"], 2), (["--deadline", "55ms"], 2), (["--deadline", "56ms"], 3)):
+            said = self.ontime("import", bag, *limits, "--results", self.results).stderr
+            self.assertEqual(len(runs()), count, said)
+        self.bag([50] * 19 + [51])
+        self.ontime("import", bag, "--deadline", "55ms", "--results", self.results)
+        self.assertEqual(len(runs()), 5)
+
     def test_damaged_bag_leaves_no_runs(self):
         bag = self.bag([1] * 2000)
         with contextlib.closing(sqlite3.connect(bag / "drive_0.db3")) as database, database:
