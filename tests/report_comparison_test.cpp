@@ -172,7 +172,7 @@ TEST(Compare, SingleRunsGetNoVerdict) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_EQ(row_of(text, "p99 ").back(), "higher");
-  EXPECT_THAT(text, HasSubstr("repeat: 5"));
+  EXPECT_THAT(text, HasSubstr("five runs a side"));
   const auto pair = parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0);
   EXPECT_EQ(pair.at("repeated"), false);
   EXPECT_EQ(figure_of(pair, "round_trip_us.p99").at("verdict"), "cannot tell");

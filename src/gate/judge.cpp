@@ -53,7 +53,7 @@ std::string interval(const Interval& interval, Text text) {
 constexpr const char* nothing_answered = "no message was answered";
 constexpr const char* too_few = "too few messages: measure longer";
 constexpr const char* one_run =
-    "one run per side does not show how much runs vary. Repeat the runs (repeat: 5), or add --single-runs";
+    "a side of one run does not show how much runs vary. Fix: five runs a side (repeat: 5), or --single-runs";
 constexpr const char* too_wide =
     "the change may be far greater, or chance. Repeat the runs more often, or measure longer";
 

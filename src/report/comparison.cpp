@@ -163,8 +163,8 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
   table.notes.insert(table.notes.begin(), sides_text(comparison, pair));
   if (!table.rows.empty() && !is_repeated(pair))
     table.notes.push_back(
-        "one run per side cannot tell better from worse: its start-to-start variation is unknown. Fix: "
-        "repeat: 5");
+        "a side of one run cannot tell better from worse: its start-to-start variation is unknown. Fix: five "
+        "runs a side");
   if (const auto max = change_of(pair, Times::round_trip, Figure::max); max && max->is_of_unequal_numbers) {
     table.notes.push_back(
         fmt::format("max is not compared: more answers have a greater one. A: {} answers, B: {}",

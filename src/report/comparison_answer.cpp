@@ -22,7 +22,12 @@ using statistics::Verdict;
 using Pair = Comparison::Pair;
 
 constexpr std::size_t most_pairs = 9, lines_of_differences = 3;
-constexpr const char* one_run = "single runs do not show how starts vary. Fix: repeat: 5";
+
+std::string one_run(const Comparison& comparison) {
+  const bool is_listened = comparison.pairs.front().from.front()->run.asked.is_listened();
+  return fmt::format("single runs do not show how starts vary. Fix: {}",
+                     is_listened ? "compare five recordings a side" : "repeat: 5");
+}
 
 // How a pair counts misses, the most telling way first. A side without cycles counts late messages; a side
 // without a limit only lost ones.
@@ -252,7 +257,7 @@ std::vector<std::string> cautions_of(const Comparison& comparison, const std::ve
   };
   add(Remark::Weight::not_applied);
   if (!single.empty() && any_repeated(comparison))  // else the sentence says it
-    cautions.push_back(caution_of(shortened(name_of_some(pairs, single), room), one_run, room));
+    cautions.push_back(caution_of(shortened(name_of_some(pairs, single), room), one_run(comparison), room));
   add(Remark::Weight::caution);
   return cautions;
 }
@@ -283,13 +288,13 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
   if (parts.empty()) {
     const auto* const what = missed != nullptr ? missed->words : "late messages";
     return fmt::format("No difference in {} or p99 is proven: {}", what,
-                       repeated ? "chance may explain it." : one_run);
+                       repeated ? "chance may explain it." : one_run(comparison));
   }
   const bool is_simple = parts.size() == 2 && join(parts, "").find(" and ") == std::string::npos;
   const auto changes = join(parts, is_simple ? " and " : "; ");
   return repeated ? fmt::format("{} has {} than {}.", comparison.to_name, changes, comparison.from_name)
                   : fmt::format("In these runs {} had {} than {}. Not proven: {}", comparison.to_name,
-                                changes, comparison.from_name, one_run);
+                                changes, comparison.from_name, one_run(comparison));
 }
 
 }  // namespace
