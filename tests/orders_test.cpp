@@ -134,7 +134,7 @@ class CoordinatorTest : public testing::Test {
  protected:
   pid_t pid_of(Coordinator::Hand& hand) {
     hand.order("answer");
-    return coordinator_.await(hand, "answered", 10s).at("pid");
+    return coordinator_.await(hand, "answered", 60s).at("pid");
   }
 
   Interrupts interrupts_{0};
@@ -151,10 +151,10 @@ TEST_F(CoordinatorTest, AwaitsOneAndHandlesTheOthers) {
     });
   second.order("say", {{"what", "x"}});
   second.order("answer");
-  coordinator_.await(second, "answered", 10s);
+  coordinator_.await(second, "answered", 60s);
   first.order("say", {{"what", "y"}});
   first.order("answer");
-  coordinator_.await(first, "answered", 10s);
+  coordinator_.await(first, "answered", 60s);
   EXPECT_THAT(said, testing::ElementsAre("the second x", "the first y"));
 }
 
@@ -162,7 +162,7 @@ TEST_F(CoordinatorTest, EventWithoutHandlerIsAnError) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.order("say", {{"what", "x"}});
   hand.order("answer");
-  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 60s); }),
               AllOf(HasSubstr("the worker"), HasSubstr("'said'")));
 }
 
@@ -172,11 +172,11 @@ TEST_F(CoordinatorTest, LateAnswerIsNotUnexpected) {
   {
     Coordinator::Hand killed(coordinator_, "the one that is killed", worker("obedient"), "s");
     kill(pid_of(killed), SIGKILL);
-    EXPECT_THAT(failure([&] { coordinator_.await(well, "answered", 10s); }), HasSubstr("signal 9"));
+    EXPECT_THAT(failure([&] { coordinator_.await(well, "answered", 60s); }), HasSubstr("signal 9"));
   }
   well.order("answer");
   well.order("answer");
-  coordinator_.await(well, "answered", 10s);  // the second
+  coordinator_.await(well, "answered", 60s);  // the second
   EXPECT_THAT(failure([&] {
                 well.order("answer");
                 coordinator_.until([] { return false; });
@@ -191,7 +191,7 @@ TEST_F(CoordinatorTest, EventHandledForOneWorkerIsUnexpectedFromAnother) {
   first.on("said", [&](auto&) { ++said; });
   second.order("say", {{"what", "x"}});
   second.order("answer");
-  EXPECT_THAT(failure([&] { coordinator_.await(second, "answered", 10s); }),
+  EXPECT_THAT(failure([&] { coordinator_.await(second, "answered", 60s); }),
               AllOf(HasSubstr("the second"), HasSubstr("'said'")));
   EXPECT_EQ(said, 0);
 }
@@ -207,7 +207,7 @@ TEST_F(CoordinatorTest, MalformedEventNamesItsWorker) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
   hand.order("say", {{"what", 7}});
-  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 60s); }),
               AllOf(HasSubstr("3 the worker"), HasSubstr("type must be string")));
   EXPECT_TRUE(hand.lost());
 }
@@ -216,23 +216,23 @@ TEST_F(CoordinatorTest, FailedOrLostWorkerIsReportedWithReason) {
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     hand.order("fail");
-    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "2 it was wrong");
+    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 60s); }), "2 it was wrong");
     EXPECT_TRUE(hand.lost());
   }
   for (const int exit : {0, 1, 130, 256}) {  // a failed process cannot report success
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     hand.order("fail", {{"exit", exit}});
-    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "3 it was wrong");
+    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 60s); }), "3 it was wrong");
   }
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     hand.order("ask in vain");
-    EXPECT_THROW(coordinator_.await(hand, "answered", 10s), Unanswered);
+    EXPECT_THROW(coordinator_.await(hand, "answered", 60s), Unanswered);
   }
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     kill(pid_of(hand), SIGKILL);
-    EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+    EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 60s); }),
                 AllOf(HasSubstr("3 the worker"), HasSubstr("signal 9")));
     EXPECT_TRUE(hand.lost());
   }
@@ -257,7 +257,7 @@ TEST_F(CoordinatorTest, StoppedWorkerIsNamedAndGivenUp) {
               AllOf(HasSubstr("3 the stuck one"), HasSubstr("10 s")));
   EXPECT_TRUE(stuck.lost());
   well.order("answer");
-  coordinator_.await(well, "answered", 10s);  // the loop goes on without it
+  coordinator_.await(well, "answered", 60s);  // the loop goes on without it
 }
 
 // A slow ssh, a machine under full load: it is silent, for it is not there yet.
@@ -265,7 +265,7 @@ TEST_F(CoordinatorTest, SlowStartIsAwaited) {
   Coordinator::Hand hand(coordinator_, "the slow one",
                          {"sh", "-c", "sleep 12; exec " + this_program() + " obedient"}, "s");
   hand.order("answer");
-  coordinator_.await(hand, "answered", 10s);
+  coordinator_.await(hand, "answered", 60s);
 }
 
 // A keeper that begins to trace, on a machine under full load: what its coordinator said meanwhile is not
