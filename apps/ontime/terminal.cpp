@@ -199,7 +199,7 @@ void Terminal::begins(const campaign::Run& run) {
     const std::lock_guard lock(line_mutex);
     next(run);
     duration_ = run.task.client.duration;
-    // A log that nobody reads must not hold a run before it is measured.
+    // A log that no program reads must not hold a run before it is measured.
     if (!interactive_ && can_write())
       say("{}  starting: {} of messages\n", head(), report::duration(duration_));
   }

@@ -320,7 +320,8 @@ Findings Wire::findings() const {
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) {
       // The latest may be under way, and the capture may have begun amid the first.
-      const auto seen = stream.partial.size() - (!stream.partial.empty() && !stream.partial.front().seen[0] ? 1 : 0);
+      const auto seen =
+          stream.partial.size() - (!stream.partial.empty() && !stream.partial.front().seen[0] ? 1 : 0);
       never_whole += seen > 1 ? 1 : 0;
       continue;
     }

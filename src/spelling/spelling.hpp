@@ -7,8 +7,8 @@
 
 namespace ontime::spelling {
 
-// One that begins with `word`, or else needs the fewest changes (a letter added, left out, replaced, or swapped
-// with the next), at most one for every three letters. "": none.
+// One that begins with `word`, or else needs the fewest changes (a letter added, left out, replaced, or
+// swapped with the next), at most one for every three letters. "": none.
 std::string nearest(const std::string& word, const std::vector<std::string>& words);
 
 // " (did you mean 'udp'?)", or "".

@@ -99,6 +99,21 @@ class Endings(Program):
             newest_ns = database.execute("SELECT start_ns + max(intended_ns) FROM run JOIN sample ON run = number").fetchone()[0]
         self.assertGreater(newest_ns, stopped_ns)
 
+    def test_run_is_measured_although_its_log_takes_no_line(self):
+        reader, log = os.pipe()
+        self.addCleanup(os.close, reader)
+        os.set_blocking(log, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(log, bytes(1 << 16))
+        os.set_blocking(log, True)
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "idle", "--results", self.results],
+                                   stdout=subprocess.DEVNULL, stderr=log, env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.wait()))
+        os.close(log)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        process.kill()
+
     def killed(self, whom):
         process = self.start_ontime("run", self.scenario("1 h", transports=["cyclonedds"]), "--only", "loaded", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
