@@ -214,6 +214,26 @@ TEST(Words, PercentIsNeitherAllNorNoneUnlessExact) {
   EXPECT_EQ(percent(0), "0");
 }
 
+TEST(Words, LimitOfAnIntervalIsNeverRoundedInwards) {
+  const auto low = [](double share) { return table::percent(share, 2, table::Limit::low); };
+  const auto high = [](double share) { return table::percent(share, 2, table::Limit::high); };
+  EXPECT_EQ(low(0.1061) + " " + high(0.1099), "10 11");
+  EXPECT_EQ(low(0.99125) + " " + high(0.99275), "99.1 99.3");
+  EXPECT_EQ(low(0.999996) + " " + high(0.999996), "99.9996 99.9996");
+  EXPECT_EQ(low(0.9999958) + " " + high(0.9999962), "99.9995 99.9997");
+  EXPECT_EQ(low(0.98999) + " " + high(0.98999), "98 99");
+  EXPECT_EQ(low(0.0999) + " " + high(0.0999), "9.9 10");
+  EXPECT_EQ(low(0.07) + " " + high(0.07), "7 7");
+  EXPECT_EQ(low(1.239e-7) + " " + high(1.239e-7), "0.000012 0.000013");
+  EXPECT_EQ(low(0) + " " + high(0), "0 0");
+  EXPECT_EQ(low(1e-30) + " " + high(3e-9), "0 0.0000003");
+  EXPECT_EQ(low(1) + " " + high(1), "100 100");
+  for (double share = 1e-6; share < 1; share += 0.000'137) {
+    EXPECT_LE(std::stod(low(share)), share * 100 + 1e-9);
+    EXPECT_GE(std::stod(high(share)), share * 100 - 1e-9);
+  }
+}
+
 TEST(Words, HoursAreNoLongNumberOfSeconds) {
   using namespace std::chrono_literals;
   EXPECT_EQ(duration(600s), "600 s");

@@ -97,6 +97,8 @@ TEST(TableFormat, ShowsConfidenceIntervalsAndMissBound) {
   one.missed_probability.events = 1;
   one.missed_probability.sure = {1.2e-7, 6.44e-5};
   EXPECT_THAT(render({one}, Format::table), HasSubstr("[0.000012, 0.0065]"));
+  one.missed_probability.sure = {0.99125, 0.99275};
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("[99.1, 99.3]"));
   one.missed_probability.events = 0;
   one.missed_probability.bound = 3e-8;
   EXPECT_THAT(render({one}, Format::table), HasSubstr("≤ 0.000003"));

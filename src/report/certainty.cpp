@@ -33,10 +33,11 @@ std::string interval(const Interval& ns) {
 }
 
 std::string interval(const Probability& of) {
-  const auto limit = [](double share) { return report::percent(share > 0.99 ? share : rounded_up(share)); };
+  using table::Limit;
   if (of.messages == 0) return nothing;
-  if (of.events == 0) return "≤ " + limit(of.bound);
-  return fmt::format("[{}, {}]", report::percent(of.sure.low.value_or(0)), limit(of.sure.high.value_or(1)));
+  if (of.events == 0) return "≤ " + table::percent(of.bound, 2, Limit::high);
+  return fmt::format("[{}, {}]", table::percent(of.sure.low.value_or(0), 2, Limit::low),
+                     table::percent(of.sure.high.value_or(1), 2, Limit::high));
 }
 
 std::string time(double ns) {

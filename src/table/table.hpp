@@ -35,6 +35,9 @@ std::string many(std::uint64_t number, const char* one, const char* several);  /
 std::string megabits(double bit_s);                                            // "80", "38.2", "10000"
 // In percent without "%", in so many digits: "0", "0.05", "99.9"; 0 and 100 only if exact.
 std::string percent(double share, int digits);
+// A limit of an interval, which no rounding makes narrower; 0 and 100 only if exact, or almost 0.
+enum class Limit { low, high };
+std::string percent(double share, int digits, Limit limit);
 std::string points(double difference);     // of two shares: "+20", "-0.008"
 int decimals_that_show(double below_one);  // enough not to print 0: 2 for 0.05
 std::string join(const std::vector<std::string>& parts, std::string_view separator);

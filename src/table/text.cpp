@@ -159,6 +159,21 @@ std::string percent(double share, int digits) {
   return fmt::format("{:.{}g}", of_hundred, digits);
 }
 
+std::string percent(double share, int digits, Limit limit) {
+  const double of_hundred = share * 100, rest = 100 - of_hundred;
+  if (of_hundred < 1e-9 || rest < 1e-9) return fmt::format("{:.0f}", of_hundred);
+  const int decimals = rest < std::pow(10, 2 - digits)
+                           ? decimals_that_show(rest)
+                           : std::max(0, digits - 1 - static_cast<int>(std::floor(std::log10(of_hundred))));
+  constexpr double noise = 1e-6;  // of binary numbers: 0.07 is not to become 7.1 %
+  const double units = of_hundred * std::pow(10, decimals);
+  const double rounded = limit == Limit::low ? std::floor(units + noise) : std::ceil(units - noise);
+  auto text = fmt::format("{:.{}f}", rounded / std::pow(10, decimals), decimals);
+  if (decimals > 0) text.resize(text.find_last_not_of('0') + 1);
+  if (text.back() == '.') text.pop_back();
+  return text;
+}
+
 std::string points(double difference) { return (difference < 0 ? "" : "+") + percent(difference, 3); }
 
 std::string grouped(std::uint64_t number) {
