@@ -158,6 +158,24 @@ TEST(TableFormat, ShowsAWorstCaseOrWhyItIsRefused) {
 
 TEST(TableFormat, ShowsEachStageOfAResponse) {
   auto one = summary(asked("a", "udp"), outcome(), 10'000);
+TEST(Json, RefusesBothWorstCasesWhereTheTextDoes) {
+  auto one = with_certainty();
+  one.extremes.maxima.emplace();
+  one.extremes.peaks.emplace().refused = "it drifts";
+  one.extremes.exceedance = 1.0 / 400;
+  const auto extremes = parsed_json(render({one}, Format::json)).at("runs").at(0).at("extremes");
+  EXPECT_EQ(extremes.at("refused"), "it drifts");
+  for (const auto* method : {"block_maxima", "peaks_over_threshold"}) {
+    EXPECT_EQ(extremes.at(method).at("allowed"), false) << method;
+    EXPECT_EQ(extremes.at(method).at("refused"), "it drifts") << method;
+  }
+  const auto row = row_by_name(render({one}, Format::csv), 0);
+  EXPECT_EQ(row.at("block_maxima_allowed"), "false");
+  EXPECT_EQ(row.at("extremes_exceedance"), "0.0025");
+  one.extremes.peaks->refused = "";
+  EXPECT_EQ(row_by_name(render({one}, Format::csv), 0).at("block_maxima_allowed"), "true");
+}
+
   one.server = one.round_trip;
   one.wake_up[statistics::Figure::p99_9] = 77'000;
   const auto lines = lines_of(render({one}, Format::table));

@@ -162,7 +162,7 @@ TEST(Csv, HasAStableHeader) {
       "wrong_size,wrong_server_times,request_leg_us_min,request_leg_us_mean,request_leg_us_p50,"
       "request_leg_us_p90,request_leg_us_p99,request_leg_us_p99.9,request_leg_us_p99.99,request_leg_us_max,"
       "reply_leg_us_min,reply_leg_us_mean,reply_leg_us_p50,reply_leg_us_p90,reply_leg_us_p99,"
-      "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max"));
+      "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max,extremes_exceedance"));
 }
 
 TEST(Json, BurstsAreUnknownWhereOnlyTheWorstMessagesAreKept) {
@@ -205,6 +205,7 @@ TEST(Csv, SaysWhatTheJsonSays) {
     if (i == 0)
       for (const auto& [name, number] : run.at("extremes").at("block_maxima").items())
         expected["block_maxima_" + name] = number;
+    expected["extremes_exceedance"] = run.at("extremes").at("exceedance");
     for (const auto& [key, value] : run.at("conditions").items())
       if (!value.is_structured()) expected[key] = value;
     for (const auto& [key, value] : run.at("conditions").at("qos").items()) expected["qos_" + key] = value;

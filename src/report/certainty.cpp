@@ -96,11 +96,11 @@ ordered_json json_of(const Probability& of) {
 
 std::string p_value(double p) { return fmt::format("{:.2g}", p); }
 
-ordered_json json_of(const std::optional<Bound>& of) {
+ordered_json json_of(const std::optional<Bound>& of, const std::string& refused) {
   if (!of) return nullptr;
   const bool peaks = of->tail.family == statistics::Tail::Family::peaks;
-  return {{"allowed", of->refused.empty()},
-          {"refused", or_null(of->refused)},
+  return {{"allowed", refused.empty()},
+          {"refused", or_null(of->refused.empty() ? refused : of->refused)},
           {"level_us", in_us(of->level)},
           {"level_low_us", in_us(of->level_lies.low)},
           {"level_high_us", in_us(of->level_lies.high)},
@@ -115,15 +115,16 @@ ordered_json json_of(const std::optional<Bound>& of) {
 
 ordered_json json_of(const Extremes& of) {
   const auto tested = [&](double p) { return of.maxima || of.peaks ? ordered_json(p) : ordered_json(); };
-  return {{"refused", or_null(of.refused)},
+  const auto refused = refusal_of(of);
+  return {{"refused", or_null(refused)},
           {"exceedance", tested(of.exceedance)},
           {"answers_for_1e-6", tested(of.answers_for_a_million)},
           {"extremal_index", of.index},
           {"trend_p", tested(of.trend_p)},
           {"runs_p", tested(of.runs_p)},
           {"halves_p", tested(of.halves_p)},
-          {"block_maxima", json_of(of.maxima)},
-          {"peaks_over_threshold", json_of(of.peaks)}};
+          {"block_maxima", json_of(of.maxima, refused)},
+          {"peaks_over_threshold", json_of(of.peaks, refused)}};
 }
 
 }  // namespace

@@ -120,6 +120,7 @@ std::vector<Field> fields() {
       fields.push_back({fmt::format("{}_{}", method, key), {"extremes", method, key}});
   for (const auto* key : {"wrong_size", "wrong_server_times"}) fields.push_back({key, {key}});
   for (const auto* name : {"request_leg_us", "reply_leg_us"}) add_distribution(name);
+  fields.push_back({"extremes_exceedance", {"extremes", "exceedance"}});
   return fields;
 }
 
