@@ -131,6 +131,13 @@ TEST(Gnuplot, ChangeOfRunsOfOneNameNamesTheirFiles) {
     EXPECT_THAT(gnuplot_of(comparison, {}), HasSubstr(text));
 }
 
+TEST(Gnuplot, ChangeOfTimesFarApartHasTheUnitOfEach) {
+  const Summaries from{measured("before", 50'000)}, to{measured("after", 1'500'000'000)};
+  const auto commands = gnuplot_of(compare_chosen(from, to), {});
+  EXPECT_FALSE(found_in(commands, "set label '([0-9.]+ µs → 1.5 s)'").empty()) << commands;
+  EXPECT_TRUE(found_in(commands, "set label '([^']*e-[^']*→[^']*)'").empty());
+}
+
 TEST(Gnuplot, ChangeOfTimesThatRoundToTheNextUnitIsInIt) {
   Summaries from{measured("before", 400'000)}, to{measured("after", 400'000)};
   from.front().round_trip_certainty[statistics::Figure::p50].value = 500'000;

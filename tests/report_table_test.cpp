@@ -135,6 +135,8 @@ TEST(TableFormat, ShowsAWorstCaseOrWhyItIsRefused) {
   EXPECT_THAT(render({one}, Format::table),
               HasSubstr("400  5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
   EXPECT_THAT(render({one}, Format::table), HasSubstr("4.4 million answers"));
+  one.extremes.answers_for_a_million = 4'037'926;
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("4.1 million answers")) << "4.0 would not suffice";
   auto wide = one;
   wide.extremes.maxima->level_lies = wide.extremes.peaks->level_lies = {4e9, 1e11};
   for (const auto& line : lines_of(render({wide}, Format::table, {}, 80)))
@@ -156,8 +158,6 @@ TEST(TableFormat, ShowsAWorstCaseOrWhyItIsRefused) {
   EXPECT_EQ(alike.find("it fits badly"), alike.rfind("it fits badly")) << "once";
 }
 
-TEST(TableFormat, ShowsEachStageOfAResponse) {
-  auto one = summary(asked("a", "udp"), outcome(), 10'000);
 TEST(Json, RefusesBothWorstCasesWhereTheTextDoes) {
   auto one = with_certainty();
   one.extremes.maxima.emplace();
@@ -176,6 +176,8 @@ TEST(Json, RefusesBothWorstCasesWhereTheTextDoes) {
   EXPECT_EQ(row_by_name(render({one}, Format::csv), 0).at("block_maxima_allowed"), "true");
 }
 
+TEST(TableFormat, ShowsEachStageOfAResponse) {
+  auto one = summary(asked("a", "udp"), outcome(), 10'000);
   one.server = one.round_trip;
   one.wake_up[statistics::Figure::p99_9] = 77'000;
   const auto lines = lines_of(render({one}, Format::table));

@@ -41,14 +41,21 @@ struct Panel {
   std::vector<std::string> notes;
 };
 
-// "15.8 → 0.197 ms", of the unit that the greater one has.
+std::pair<const char*, double> unit_of(double ns) {
+  return ns >= 999.5e6   ? std::pair{"s", 1e9}
+         : ns >= 999.5e3 ? std::pair{"ms", 1e6}
+         : ns >= 999.5   ? std::pair{"µs", 1e3}
+                         : std::pair{"ns", 1.0};
+}
+
+// "15.8 → 0.197 ms", of the unit that the greater one has; "50.1 µs → 1.5 s" where the other would be tiny.
 std::string times_text(double from_ns, double to_ns) {
-  const auto greatest = std::max(from_ns, to_ns);
-  const auto [unit, size] = greatest >= 999.5e6   ? std::pair{"s", 1e9}
-                            : greatest >= 999.5e3 ? std::pair{"ms", 1e6}
-                            : greatest >= 999.5   ? std::pair{"µs", 1e3}
-                                                  : std::pair{"ns", 1.0};
-  return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
+  const auto [unit, size] = unit_of(std::max(from_ns, to_ns));
+  if (std::min(from_ns, to_ns) >= size / 100)
+    return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
+  const auto [from_unit, from_size] = unit_of(from_ns);
+  const auto [to_unit, to_size] = unit_of(to_ns);
+  return fmt::format("{:.3g} {} → {:.3g} {}", from_ns / from_size, from_unit, to_ns / to_size, to_unit);
 }
 
 // Runs of one name are told apart by their files.

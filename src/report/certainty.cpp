@@ -48,6 +48,9 @@ std::string time(double ns) {
   return fmt::format("{:.3g} ms", ns / 1e6);
 }
 
+// How much is needed is rounded up: less would not suffice.
+std::string millions(double number) { return fmt::format("{:.1f} million", std::ceil(number / 1e5) / 10); }
+
 std::string note_of(const Summary& summary) {
   const auto& missed = summary.missed_probability;
   if (missed.messages == 0) return "";
@@ -67,7 +70,7 @@ std::string note_of(const Summary& summary) {
       summary.message_every_ns > 0 ? ", " + time(messages * summary.message_every_ns) : std::string();
   const bool late = statistics::knows_late(summary.run), loss = statistics::knows_loss(summary.run);
   return fmt::format(
-      "none {}{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
+      "none {}{}; messages needed to claim < 10⁻⁶: {}{}",
       late && loss ? "late or lost"
       : late       ? "late"
                    : "lost",
@@ -75,7 +78,7 @@ std::string note_of(const Summary& summary) {
           ? ""
           : fmt::format("; slow answers come in bursts: {} messages, effective sample size {:.0f}",
                         grouped(missed.messages), std::max(effective, 1.0)),
-      messages / 1e6, takes);
+      millions(messages), takes);
 }
 
 ordered_json in_us(const std::optional<double>& ns) {
@@ -233,8 +236,8 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
                           fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
                           level(of.peaks), fit(of.peaks), of.maxima ? p_value(of.trend_p) : nothing});
     if (of.exceedance > one_in_a_million)
-      table.notes.push_back(fmt::format("{}: a level for 10⁻⁶ exceedance needs {:.1f} million answers",
-                                        labels[i], of.answers_for_a_million / 1e6));
+      table.notes.push_back(fmt::format("{}: a level for 10⁻⁶ exceedance needs {} answers", labels[i],
+                                        millions(of.answers_for_a_million)));
   }
   return table;
 }

@@ -74,6 +74,13 @@ Interval by_order(std::span<const float> values, double exceedance, double effec
   return lies;
 }
 
+// Rounded down: 0.0499 was refused as below 0.05, and must not read as 0.05.
+std::string p_text(double p) {
+  if (p < 1e-9) return fmt::format("{:.2g}", p);
+  const double unit = std::pow(10, std::floor(std::log10(p)) - 1);
+  return fmt::format("{:.2g}", std::floor(p / unit * (1 + 1e-9)) * unit);
+}
+
 std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, const Level& level) {
   const auto tail = fit(values);
   if (!tail) return {};
@@ -103,8 +110,8 @@ std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, co
     result.refused = fmt::format("its tail is too heavy (shape {:.2f})", tail->shape);
   else if (result.fit_p < refuses_fit)
     result.refused = fmt::format(
-        "the slowest answers do not follow an extreme-value distribution (Anderson-Darling, p = {:.2g})",
-        result.fit_p);
+        "the slowest answers do not follow an extreme-value distribution (Anderson-Darling, p = {})",
+        p_text(result.fit_p));
   return result;
 }
 
@@ -161,14 +168,13 @@ double halves_p(std::size_t first, std::size_t second) {
 
 std::string unsteady(const Extremes& of, std::size_t first, std::size_t second) {
   if (of.trend_p < refuses)
-    return fmt::format("the slowest answers have a trend over the run (Mann-Kendall, p = {:.2g})",
-                       of.trend_p);
+    return fmt::format("the slowest answers have a trend over the run (Mann-Kendall, p = {})",
+                       p_text(of.trend_p));
   if (of.runs_p < refuses)
-    return fmt::format("slow stretches follow one another (Wald-Wolfowitz, p = {:.2g})", of.runs_p);
+    return fmt::format("slow stretches follow one another (Wald-Wolfowitz, p = {})", p_text(of.runs_p));
   if (of.halves_p < refuses)
-    return fmt::format(
-        "slow stretches differ between the halves of the run (first {}, second {}, p = {:.2g})", first,
-        second, of.halves_p);
+    return fmt::format("slow stretches differ between the halves of the run (first {}, second {}, p = {})",
+                       first, second, p_text(of.halves_p));
   return "";
 }
 
