@@ -57,6 +57,17 @@ TEST(Certainty, SaysWhichQuantilesTheRunDoesNotSupport) {
   EXPECT_FALSE(one.mean.sure.low);
 }
 
+// A few huge values widen the interval of Student's t to below 0, where no time is.
+TEST(Certainty, MeanOfTimesIsNotBelow0) {
+  std::vector<std::int64_t> times(1000, 100);
+  times[500] = 100'000;
+  const auto mean = run_of(times).round_trip_certainty.mean;
+  EXPECT_EQ(mean.sure.low, 0);
+  EXPECT_EQ(mean.surer.low, 0);
+  times[500] = -100'000'000;
+  EXPECT_LT(*run_of(times).round_trip_certainty.mean.sure.low, -1000) << "an age by two clocks";
+}
+
 TEST(Certainty, IndependentValuesGiveOrderStatistics) {
   // Of 100 the median lies between the 40th and the 61st: Conover 1999, table A3.
   const auto shares = quantile_shares(0.5, 100, 0.95);

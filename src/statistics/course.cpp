@@ -136,6 +136,12 @@ Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribut
   result.slowest_effect = slowest_effect(std::array{above[3], above[2], above[1]});  // p99.9, p99, p90
   const auto sums = course.sums();
   result.mean = mean(sums, of.mean);
+  // No time is below 0, whatever the normal distribution of batch means says of a few huge values; that the
+  // true mean is within stays as probable. The least time seen is no such bound: a run may miss a faster one.
+  // Ages by two clocks may be below 0.
+  if (of.min >= 0)
+    for (auto* interval : {&result.mean.sure, &result.mean.surer})
+      if (interval->low) interval->low = std::max(*interval->low, 0.0);
   add_the_unseen(result.mean, n, result.slowest_effect, longest_ns);
   if (memory(sums) > most_memory) {
     result.mean.sure = result.mean.surer = {};
