@@ -308,6 +308,25 @@ TEST(Latex, EscapesWhatItWouldObey) {
   EXPECT_THAT(text, HasSubstr("Round trip ($\\mu$s) & Min & Avg & p50"));
 }
 
+TEST(Latex, HasNoLetterThatPdflatexDoesNotKnow) {
+  auto strange = asked("λ Ω 10⁻⁶ −5 ü’ 中 ŧ 😀", "udp");
+  EXPECT_THAT(render({summary(strange, outcome())}, Format::latex),
+              HasSubstr("\\caption{$\\lambda$ $\\Omega$ 10$^{-}$$^{6}$ $-$5 ü’ \\texttt{U+4E2D} "
+                        "\\texttt{U+0167} \\texttt{U+1F600}"));
+}
+
+TEST(Latex, LeavesNoMoreTablesWithoutAPlaceThanItMay) {
+  std::vector<Summary> ids;
+  for (int i = 0; i < 40; ++i) ids.push_back(summary(asked("id" + std::to_string(i), "udp"), outcome()));
+  std::size_t unplaced = 0;
+  for (const auto& line : lines_of(render(ids, Format::latex))) {
+    if (line == "\\clearpage") unplaced = 0;
+    unplaced += line.starts_with("\\begin{table") ? 1 : 0;
+    ASSERT_LE(unplaced, 12u);
+  }
+  EXPECT_GT(unplaced, 0u);
+}
+
 TEST(Latex, MakesOneTableAnId) {
   const auto text = render({summary(asked("a", "udp"), outcome()), summary(asked("b", "udp"), outcome()),
                             summary(asked("a", "fastdds"), outcome())},

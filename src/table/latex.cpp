@@ -1,39 +1,66 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
 #include <string_view>
-#include <utility>
+
+#include <fmt/format.h>
 
 #include "table/table.hpp"
 
 namespace ontime::table {
 namespace {
 
+// LaTeX keeps 18 figures and tables without a place, those of the document around these among them.
+constexpr std::size_t most_unplaced = 10;
+
+// pdflatex stops at a letter that it does not know. With T1 fonts it knows these; others become their number,
+// unless escape_latex() has a sign for them.
+bool is_known(std::string_view letter) {
+  const auto is_one_of = [&](std::string_view letters) { return letters.find(letter) != letters.npos; };
+  return letter.size() == 2 ? letter < "\u0180" && !is_one_of("ĦħĸĿŀŉŦŧſ") : is_one_of("—‘’“”„€");
+}
+
+std::string number_of(std::string_view letter) {
+  auto value = static_cast<unsigned char>(letter[0]) & (0x7fU >> letter.size());
+  for (const char c : letter.substr(1)) value = value << 6U | (static_cast<unsigned char>(c) & 0x3fU);
+  return fmt::format("\\texttt{{U+{:04X}}}", value);
+}
+
 std::string escape_latex(const std::string& text) {
-  static const std::map<char, const char*> commands = {{'\\', "\\textbackslash{}"},
-                                                       {'~', "\\textasciitilde{}"},
-                                                       {'^', "\\textasciicircum{}"},
-                                                       {'<', "\\textless{}"},
-                                                       {'>', "\\textgreater{}"},
-                                                       {'|', "\\textbar{}"},
-                                                       {'\n', " "}};
+  static const std::map<std::string_view, const char*> commands = {{"\\", "\\textbackslash{}"},
+                                                                   {"~", "\\textasciitilde{}"},
+                                                                   {"^", "\\textasciicircum{}"},
+                                                                   {"<", "\\textless{}"},
+                                                                   {">", "\\textgreater{}"},
+                                                                   {"|", "\\textbar{}"},
+                                                                   {"\n", " "},
+                                                                   {"µ", "$\\mu$"},
+                                                                   {"μ", "$\\mu$"},
+                                                                   {"λ", "$\\lambda$"},
+                                                                   {"Δ", "$\\Delta$"},
+                                                                   {"Ω", "$\\Omega$"},
+                                                                   {"·", "$\\cdot$"},
+                                                                   {"±", "$\\pm$"},
+                                                                   {"≤", "$\\leq$"},
+                                                                   {"≥", "$\\geq$"},
+                                                                   {"→", "$\\rightarrow$"},
+                                                                   {"×", "$\\times$"},
+                                                                   {"−", "$-$"},
+                                                                   {"⁻", "$^{-}$"},
+                                                                   {"⁶", "$^{6}$"},
+                                                                   {"–", "--"},
+                                                                   {"…", "\\ldots{}"}};
   std::string result;
-  for (const char c : text) {
-    if (const auto command = commands.find(c); command != commands.end()) {
+  for (std::size_t i = 0, length = 0; i < text.size(); i += length) {
+    const auto first = static_cast<unsigned char>(text[i]);
+    length = first < 0xc0 ? 1 : first < 0xe0 ? 2 : first < 0xf0 ? 3 : 4;
+    const auto letter = std::string_view(text).substr(i, length);
+    if (const auto command = commands.find(letter); command != commands.end())
       result += command->second;
-      continue;
-    }
-    if (std::string_view("{}$&#_%").find(c) != std::string_view::npos) result += '\\';
-    result += c;
+    else if (length > 1 && !is_known(letter))
+      result += number_of(letter);
+    else
+      result.append(std::string_view("{}$&#_%").find(letter) == letter.npos ? "" : "\\").append(letter);
   }
-  for (const auto& [sign, set] : {std::pair{"µ", "$\\mu$"},
-                                  {"·", "$\\cdot$"},
-                                  {"±", "$\\pm$"},
-                                  {"≤", "$\\leq$"},
-                                  {"≥", "$\\geq$"},
-                                  {"→", "$\\rightarrow$"},
-                                  {"×", "$\\times$"},
-                                  {"…", "\\ldots{}"}})
-    result = replace_all(result, sign, set);
   return result;
 }
 
@@ -61,7 +88,8 @@ std::string latex_of(const Table& table) {
 
 std::string as_latex(const Page& page) {
   std::string text;
-  for (const auto& table : page.tables) text += latex_of(table);
+  for (std::size_t i = 0; i < page.tables.size(); ++i)
+    text += (i > 0 && i % most_unplaced == 0 ? "\\clearpage\n" : "") + latex_of(page.tables[i]);
   for (const auto& note : page.notes) text += comment(note);
   if (!page.legend.empty()) text += comment(page.legend);
   return text;
