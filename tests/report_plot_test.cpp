@@ -155,6 +155,31 @@ TEST(Gnuplot, LegendNamesALineOnlyWhereTheFigureHasOne) {
   EXPECT_THAT(gnuplot_of({run, plotted("b", "udp")}, {}), HasSubstr("from the fastest to the slowest"));
 }
 
+TEST(Gnuplot, LegendNamesABandAndAPercentileOnlyWhereTheyAreDrawn) {
+  auto run = plotted("a", "udp");
+  const auto ccdf = [&] { return gnuplot_of({run}, {Plot::Figure::ccdf, Plot::Form::svg, false}); };
+  const auto payload = [&] { return gnuplot_of({run}, {Plot::Figure::payload, Plot::Form::svg, false}); };
+  run.round_trip_certainty[statistics::Figure::p50].sure = {100'000, 110'000};
+  EXPECT_THAT(ccdf(), Not(HasSubstr("95 % confidence interval"))) << "of p50 alone it has no height";
+  run.round_trip_certainty[statistics::Figure::p90].sure = {110'000, 120'000};
+  EXPECT_THAT(ccdf(), HasSubstr("95 % confidence interval"));
+  EXPECT_THAT(payload(), AllOf(HasSubstr("set label 'p50'"), Not(HasSubstr("set label 'p99'"))));
+  run.round_trip.count = 2000;
+  EXPECT_THAT(payload(), HasSubstr("set label 'p99'"));
+}
+
+TEST(Gnuplot, QuantityBesideAPanelIsClearOfTheNamesOfItsTicks) {
+  auto period = plotted("/scan period", "udp"), age = plotted("/scan age", "udp");
+  amend(period.run.asked, "/measures", "period");
+  amend(age.run.asked, "/measures", "age");
+  const auto commands = gnuplot_of({period, age}, {});
+  const auto at = found_in(commands, "set label 'Period' at screen ([0-9.]+)"),
+             axes = found_in(commands, "set lmargin at screen ([0-9.]+)");
+  ASSERT_FALSE(at.empty() || axes.empty());
+  constexpr double hundred_ms_cm = 0.93, tick_cm = 0.22;
+  EXPECT_GT((std::stod(axes[0]) - std::stod(at[0])) * 8.8 - hundred_ms_cm - tick_cm, plot::line_cm / 2);
+}
+
 TEST(Gnuplot, ConditionsInANameHaveCommasBetweenThem) {
   auto one = plotted("a", "udp"), other = plotted("b", "udp");
   for (auto* run : {&one, &other}) amend(run->run.asked, "/title", "");

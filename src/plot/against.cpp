@@ -126,7 +126,7 @@ constexpr int hollow_points[] = {6, 4, 8, 12};
 
 std::string plot_against(const Group& group, const Plot& plot) {
   const auto& abscissa = plot.figure == Plot::Figure::payload ? payload : rate_of_background;
-  constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
+  constexpr double left_cm = 1.65, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;
   Axis axis;
@@ -155,7 +155,7 @@ std::string plot_against(const Group& group, const Plot& plot) {
   std::vector<Entry> entries;
   std::vector<std::string> parts;
   std::vector<std::pair<std::string, std::string>> data;
-  bool any_repeated = false, any_missed = false;
+  bool any_repeated = false, any_missed = false, any_p50 = false, any_p99 = false;
   for (const auto& [name, places] : series) {
     const auto i = entries.size();
     std::string p50, p99, missed;
@@ -182,6 +182,8 @@ std::string plot_against(const Group& group, const Plot& plot) {
       if (any_repeated)
         parts.push_back(fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", kind, i, solid));
     };
+    any_p50 |= !p50.empty();
+    any_p99 |= !p99.empty();
     add("run", p50, filled);
     add("tail", p99, fmt::format("pointtype {} pointsize 0.4 dashtype 2", points));
     if (missed.empty()) continue;
@@ -190,8 +192,10 @@ std::string plot_against(const Group& group, const Plot& plot) {
     parts.push_back(
         fmt::format("$missed{} using 1:2 with points pointtype 2 pointsize 0.7 linecolor rgb '#000000'", i));
   }
-  entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
-  entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
+  if (any_p50) entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
+  if (any_p99)
+    entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
+  if (any_p50 && !any_p99) entries.push_back({"no p99: too few answers in a run"});
   if (any_repeated) entries.push_back({"bars: lowest to highest repetition"});
   if (any_missed)
     entries.push_back(

@@ -103,19 +103,22 @@ std::string spread_of(const Group& runs, const Range& range, double floor) {
   return band;
 }
 
-// The corners of what the intervals of p50 to p99.99 span, as far as they have both ends.
+// The corners of what the intervals of p50 to p99.99 span, as far as they have both ends; that of p50 alone
+// spans nothing.
 std::string interval_of(const Summary& run, const Range& range) {
   const auto& sure = run.round_trip_certainty;
   const auto lost = run.sent > 0 ? static_cast<double>(run.lost) / static_cast<double>(run.sent) : 0;
   std::string there, back;
+  std::size_t levels = 0;
   for (const auto& row : statistics::percentiles) {
     const auto* of = &sure[row.figure];
     if (!of->sure.low || !of->sure.high) break;
     const auto y = lost + (1 - lost) * row.share_above();
     there += point(range.at(*of->sure.low), y);
     back.insert(0, point(range.at(*of->sure.high), y));
+    ++levels;
   }
-  return there + back;
+  return levels < 2 ? "" : there + back;
 }
 
 // A colour for what is measured, a dash for the id, if there are enough of both; else one after another.

@@ -150,7 +150,7 @@ constexpr const char* worst_only =
     "Not drawn: only the worst messages were kept. For this figure keep all: listen --results without "
     "--keep.";
 
-constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
+constexpr double left_cm = 1.65, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
 
 std::size_t columns_for(const Group& group, const Plot& plot) {
   return plot.wide && group.size() > 1 ? 2 : 1;
