@@ -448,6 +448,21 @@ TEST_F(Page, HeadlineDoesNotPoolOppositeConditions) {
   EXPECT_THAT(html, HasSubstr("<b>Test1.B · System under load</b> 1 of 2 messages"));
 }
 
+TEST_F(Page, LongestWaitsSayWhereAWorstWaitIsLonger) {
+  const auto is_told = [&] {
+    return page().find("Wait: what this message alone caused") != std::string::npos;
+  };
+  add_run(asked("a", "udp"), outcome(), {sample(0, 15 * ms, Fate::late), sample(1, ms)});
+  EXPECT_FALSE(is_told());
+  // Two cycles have no message while the first is under way, and are answered by the second.
+  auto second = sample(3, 12 * ms, Fate::late);
+  second.index = 1;
+  second.intended_ns -= 20 * ms;
+  second.skipped_cycles = 2;
+  add_run(asked("b", "udp"), outcome(), {sample(0, 25 * ms, Fate::late), second});
+  EXPECT_TRUE(is_told());
+}
+
 TEST_F(Page, LegendSpeaksOfTheColumnsThatThePageHas) {
   add_run(asked("a", "udp"), outcome(), {sample(0, ms)});
   const auto html = page();
