@@ -427,6 +427,24 @@ TEST(Settings, show_what_differs_and_name_the_rest_once) {
   EXPECT_THAT(table.conditions, HasSubstr("every 10 ms"));
 }
 
+TEST(Settings, DeadlineThatIsThePeriodOfOneRunIsNoDifference) {
+  auto faster = asked("b", "udp"), strict = asked("c", "udp");
+  faster["period_us"] = 5000;
+  const auto runs = [](const json& other) {
+    return Summaries{summary(asked("a", "udp"), outcome()), summary(other, outcome())};
+  };
+  const auto same = differences_of(runs(faster));
+  EXPECT_THAT(names_of(same), ElementsAre("Run", "period"));
+  EXPECT_THAT(same.conditions, HasSubstr("deadline 10 ms"));
+  strict["deadline_us"] = 5000;
+  const auto other = differences_of(runs(strict));
+  EXPECT_THAT(names_of(other), ElementsAre("Run", "deadline"));
+  EXPECT_EQ(other.rows.at(0).at(1), "deadline 10 ms") << "its period";
+  EXPECT_EQ(other.rows.at(1).at(1), "deadline 5 ms");
+  faster["deadline_us"] = 5000;
+  EXPECT_THAT(names_of(differences_of(runs(faster))), ElementsAre("Run", "period"));
+}
+
 TEST(Settings, of_machines_have_a_value_once_or_with_its_runs) {
   auto later = outcome();
   later["hosts"]["controller"]["machine"]["kernel"] = "6.2";

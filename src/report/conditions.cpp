@@ -43,12 +43,16 @@ bool is_beside(std::string_view key, std::string_view other) {
 // What all runs of a group share, in words, and for each run what not all share.
 struct Compared {
   std::vector<Phrase> shared;
-  std::vector<std::vector<Phrase>> own;
+  std::vector<std::vector<Phrase>> own, all;
 };
 
 Compared compare(const Group& group, const std::string& against = "") {
   Compared result;
-  for (const auto* summary : group) result.own.push_back(phrases_of(*summary));
+  // One that is not the period is told of all: "-" beside "10 ms" would read as none.
+  const bool any_deadline =
+      !std::ranges::all_of(group, [](const auto* summary) { return is_deadline_the_period(*summary); });
+  for (const auto* summary : group) result.all.push_back(phrases_of(*summary, any_deadline));
+  result.own = result.all;
   std::set<std::string> compared;
   for (const auto& phrases : result.own) {
     for (const auto& phrase : phrases) {
@@ -197,9 +201,8 @@ std::vector<std::string> labels_without_repetition(const Group& group, std::stri
     std::vector<std::string> parts;
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
       parts.push_back(phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0));
-    const auto phrases = phrases_of(*group[i]);
-    add_variant(parts, *group[i], phrases, against);
-    const auto* place = find(phrases, against);
+    add_variant(parts, *group[i], compared.all[i], against);
+    const auto* place = find(compared.all[i], against);
     places.push_back(place == nullptr ? "" : place->text);
     auto& label = labels.emplace_back(transport + join(parts, separator));
     if (label.ends_with(' ')) label.pop_back();

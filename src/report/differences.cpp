@@ -139,8 +139,7 @@ std::vector<std::string> key_differences(const statistics::Summary& from, const 
     const bool is_told = from_words != to_words;  // by fewer digits they may be the same
     add(field.path, is_told ? from_words : word(before), is_told ? to_words : word(after));
   }
-  // What has words for several keys together: "load", "kernel". What is the same above has words only where
-  // another key differs: "deadline", where it is not the period.
+  // What has words for several keys together: "load", "kernel".
   const auto in_words = differences_between({&from, &to});
   const auto& keys = in_words.keys;
   for (std::size_t i = 0; i < keys.size(); ++i)

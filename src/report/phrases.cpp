@@ -194,7 +194,11 @@ std::pair<Texts, Texts> options_of(const Summary& summary) {
           options_at("component", asked.component_options, outcome)};
 }
 
-std::vector<Phrase> phrases_of(const Summary& summary) {
+bool is_deadline_the_period(const Summary& summary) {
+  return summary.run.asked.stated("deadline_us") == summary.run.asked.stated("period_us");
+}
+
+std::vector<Phrase> phrases_of(const Summary& summary, bool any_deadline) {
   const auto& asked = summary.run.asked;
   const auto& client = asked.task.client;
   std::vector<Phrase> phrases;
@@ -215,7 +219,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
   if (asked.is_listened()) done.insert("schedule");
-  if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
+  if (!any_deadline && is_deadline_the_period(summary)) done.insert("deadline");
   if (asked.task.config.domain != 0) done.erase("domain");
   add("component", "component", "component " + word(asked.component));
   const bool any_refused = std::ranges::any_of(

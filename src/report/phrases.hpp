@@ -26,7 +26,9 @@ struct Phrase {
 };
 
 // The conditions of a run in words, one phrase each; only those that its record has.
-std::vector<Phrase> phrases_of(const statistics::Summary&);
+// A deadline that is the period has none, unless it is told beside others.
+std::vector<Phrase> phrases_of(const statistics::Summary&, bool any_deadline = false);
+bool is_deadline_the_period(const statistics::Summary&);
 
 // The options of the transports of the controller and of the component.
 using Texts = std::map<std::string, std::string>;
