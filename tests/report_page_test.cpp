@@ -468,7 +468,7 @@ TEST_F(Page, HeadlineDoesNotPoolOppositeConditions) {
 
 TEST_F(Page, LongestWaitsSayWhereAWorstWaitIsLonger) {
   const auto is_told = [&] {
-    return page().find("Wait: what this message alone caused") != std::string::npos;
+    return page().find("Wait: from when the message before was answered") != std::string::npos;
   };
   add_run(asked("a", "udp"), outcome(), {sample(0, 15 * ms, Fate::late), sample(1, ms)});
   EXPECT_FALSE(is_told());

@@ -129,9 +129,8 @@ Table worst_of(const Shown& group) {
     if (!worst.empty() && table.notes.empty() &&
         worst.front().took_ns < std::max({summary.response.max, summary.lost_wait_ns, summary.open_wait_ns}))
       table.notes.emplace_back(
-          "Wait: what this message alone caused. The time that its cycles waited for the message before it "
-          "is "
-          "not in it, so the worst wait of a cycle is longer.");
+          "Wait: from when the message before was answered, if that was later than the message was due. So a "
+          "cycle's worst wait can be longer.");
     for (std::size_t i = 0; i < std::min(most, worst.size()); ++i) {
       const auto& message = worst[i].message;
       table.rows.push_back({group.labels[run], fmt::format("{}", message.index),

@@ -186,7 +186,7 @@ Table searches_table(const Group& group) {
     const auto bound = bound_of(one.passed);
     table.rows.push_back({one.whose(), one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
-                          bound ? fmt::format("< {} %", percent(rounded_up(*bound))) : nothing,
+                          bound ? fmt::format("< {} %", table::percent(*bound, 2, table::Limit::high)) : nothing,
                           one.ended != nullptr              ? one.ended->value
                           : one.ended_by_another != nullptr ? one.ended_by_another->value
                           : one.finished                    ? "none"
