@@ -61,7 +61,7 @@ json outcome() {
           {"dropped_records", 0},
           {"refused_sends", 0},
           {"interrupted", false},
-          {"conditions", {{"controller", {{"cpu_busy", 0.99}}}, {"component", {{"cpu_busy", 0.5}}}}},
+          {"conditions", {{"controller", {{"cpu_busy", 0.85}}}, {"component", {{"cpu_busy", 0.5}}}}},
           {"hosts", {{"controller", host}, {"component", host}}}};
 }
 

@@ -67,6 +67,23 @@ TEST(Remarks, HddFilesThatNeverHadHalfTheirSizeAreMarked) {
   EXPECT_THAT(render({summary(asked("a", "udp"), of_run)}, Format::markdown), Not(HasSubstr("HDD LOAD")));
 }
 
+TEST(Remarks, CpusThatOtherProgramsKeepBusyAreToldWhereNoLoadWasRequested) {
+  auto of_run = outcome();
+  for (const auto* host : {"controller", "component"}) of_run["conditions"][host]["cpu_busy"] = 0.97;
+  auto quiet = asked("a", "udp");
+  quiet.erase("load");
+  const auto text = [&](const nlohmann::json& requested) {
+    return render({summary(requested, of_run)}, Format::markdown);
+  };
+  EXPECT_THAT(text(quiet), HasSubstr("CPUs were 97 % busy"));
+  EXPECT_THAT(text(asked("a", "udp")), Not(HasSubstr("% busy")));
+  auto polling = quiet;
+  polling["options"]["busy-poll"] = "on";
+  EXPECT_THAT(text(polling), Not(HasSubstr("% busy")));
+  of_run["conditions"]["controller"]["cpu_busy"] = of_run["conditions"]["component"]["cpu_busy"] = 0.5;
+  EXPECT_THAT(text(quiet), Not(HasSubstr("% busy")));
+}
+
 TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
   auto with = asked("a", "udp");
   with["traffic"] = {{"bit_s", 80'000'000}, {"datagram_bytes", 1470}, {"direction", "both"}, {"priority", 0}};

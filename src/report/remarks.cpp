@@ -70,6 +70,28 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
                        std::min(share, 1.0), percent_text});
 }
 
+// By other programs: only a run that keeps no CPU busy itself can tell.
+constexpr double all_busy = 0.9;
+void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& summary) {
+  const auto& asked = summary.run.asked;
+  const auto polls = [](const auto& options) { return options.contains("busy-poll"); };
+  if (summary.imported || asked.is_listened() || asked.controller_load.any() || asked.component_load.any() ||
+      asked.traffic.any() || asked.task.background.topics > 0 || asked.others.components > 0 ||
+      asked.task.client.schedule == roundtrip::Schedule::back_to_back || polls(asked.task.config.options) ||
+      polls(asked.component_options))
+    return;
+  const bool one_machine = record::on_one_machine(summary.run.outcome);
+  for (const auto* host : record::both_hosts) {
+    const auto busy = find(summary.run.outcome.conditions, host).cpu_busy.value_or(0);
+    if (busy < all_busy) continue;
+    remarks.push_back({Weight::caution,
+                       fmt::format("other load: the {}CPUs were {{}} busy, and this run requested no load",
+                                   one_machine ? "" : fmt::format("{}'s ", host)),
+                       busy, percent_text});
+    if (one_machine) break;
+  }
+}
+
 // Clock events during the run.
 constexpr double long_s = 0.1;         // more than two clocks are read apart on a busy machine
 constexpr double much_slew_ppm = 500;  // beyond any crystal and the usual correction of a time service
@@ -256,6 +278,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add(Weight::detail, link_faults_text(outcome));
   add(Weight::detail, missed_launches_text(outcome));
   add_taken_away(remarks, summary);
+  add_other_load(remarks, summary);
   for (const auto& text : clocks(outcome)) add(Weight::caution, text);
   add_throttling(remarks, summary);
   const auto count = [&](Weight weight, const char* what, std::uint64_t number) {
