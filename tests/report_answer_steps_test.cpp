@@ -37,19 +37,38 @@ TEST(Answer, NothingLateSaysHowLongToMeasure) {
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   auto one = run_without_a_late_message();
   amend(one.run.asked, "/command_line",
-        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a,b", "--explain", "other.yaml",
-         "--fail-if", "late > 0", "--results", "old.ontime"});
+        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a,b", "--explain", "folder",
+         "--fail-if", "late > 0", "--results", "old.ontime", "third.yaml"});
+  // Those of --only may be in any of the scenarios.
   EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime run scenarios/demo.yaml --only a,b --duration 5min"));
+              Contains("ontime run scenarios/demo.yaml folder third.yaml --only a,b --duration 5min"));
   amend(one.run.outcome, "/interrupted", true);
   EXPECT_THAT(commands_of(answer_of({one}, kept)),
-              Contains("ontime run scenarios/demo.yaml --duration=5s --only a,b --explain --resume --results "
-                       "demo.ontime"));
+              Contains("ontime run scenarios/demo.yaml folder third.yaml --duration=5s --only a,b --explain "
+                       "--resume --results demo.ontime"));
+  const Origin foreign{.file = "r.ontime", .is_root = true, .trusts = [](const std::string& name) {
+                         return name == "folder";
+                       }};
+  EXPECT_THAT(commands_of(answer_of({one}, foreign)),
+              Contains(testing::StartsWith("ontime run SCENARIO folder SCENARIO ")));
   auto late = run(1, "a", "udp", {}, 5);
   amend(late.run.asked, "/command_line",
         {"ontime", "run", "demo.yaml", "--transports", "udp", "--only", "a,b", "--duration", "5s"});
   EXPECT_EQ(commands_of(answer_of({late}, kept)).front(),
             "ontime run demo.yaml --transports udp --duration 5s --only a --explain");
+}
+
+// Its duration is for the runs of all scenarios that it names.
+TEST(Answer, TheNextCommandOfSeveralScenariosTakesAsLongAsTheSlowestNeeds) {
+  std::vector runs{run_without_a_late_message(), run_without_a_late_message()};
+  runs[1].run.number = 2;
+  runs[1].message_every_ns = 100 * ms;
+  runs[0].missed_probability.bound = 1.6e-3;
+  amend(runs[1].run.asked, {{"id", "b"}, {"scenario_file", "b.yaml"}});
+  for (auto& one : runs)
+    amend(one.run.asked, "/command_line", {"ontime", "run", "scenarios/demo.yaml", "b.yaml"});
+  EXPECT_THAT(commands_of(answer_of(runs, kept)),
+              Contains("ontime run scenarios/demo.yaml b.yaml --duration 50min"));
 }
 
 TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {

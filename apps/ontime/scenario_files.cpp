@@ -122,11 +122,19 @@ std::vector<std::string> scenario_files(const std::vector<std::string>& names) {
 }
 
 bool is_trusted(const std::string& name) {
-  const auto names = own_scenario_names();
-  if (std::ranges::find(names, name) != names.end()) return true;
+  const auto is_in = [&](const std::string& own) { return own == name || own.starts_with(name + "/"); };
+  if (std::ranges::any_of(own_scenario_names(), is_in)) return true;
   std::error_code error;
   auto path = fs::absolute(name, error);
-  if (error || !is_path(name) || !fs::is_regular_file(path, error)) return false;
+  if (error || !is_path(name)) return false;
+  if (fs::is_directory(fs::symlink_status(path, error))) {
+    for (auto entry = fs::directory_iterator(path, error); !error && entry != fs::directory_iterator();
+         entry.increment(error))
+      if (entry->path().extension() == suffix && !is_trusted(entry->path().string())) return false;
+    if (error) return false;
+  } else if (!fs::is_regular_file(path, error)) {
+    return false;
+  }
   for (; only_we_can_change(path); path = path.parent_path())
     if (path == path.parent_path()) return true;  // the root of all
   return false;

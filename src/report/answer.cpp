@@ -268,11 +268,16 @@ void add_longer(Findings& found, const std::vector<Entry>& entries) {
   if (found.longer == nullptr) return;
   double claim = std::min(0.01, std::pow(10, std::floor(std::log10(bound))));
   if (claim * 2 > bound) claim /= 10;
-  // A scenario's command is for all its runs: the slowest of them takes longest.
-  const auto& scenario = found.longer->run.asked.scenario_file;
+  // A command is for all runs of its scenarios: the slowest of them takes longest.
+  const auto& longer = found.longer->run.asked;
+  const auto is_of_command = [&](const record::Asked& asked) {
+    if (longer.scenario_file.empty()) return false;
+    return asked.scenario_file == longer.scenario_file ||
+           (!longer.command_line.empty() && asked.command_line == longer.command_line);
+  };
   for (const auto& entry : entries)
     for (const auto* run : entry.runs)
-      if (run == found.longer || (!scenario.empty() && run->run.asked.scenario_file == scenario))
+      if (run == found.longer || is_of_command(run->run.asked))
         found.longer_ns =
             std::max(found.longer_ns, statistics::messages_to_claim(claim, run->missed_probability.effect) *
                                           run->message_every_ns);

@@ -49,19 +49,35 @@ bool takes_value(const std::string& option) {
   return option.find('=') == std::string::npos && !is_one_of(option, without_value);
 }
 
-// The scenario as it was named then: a name, or a path.
+// Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
+bool is_of_lab_machine(const Summary& run) {
+  const auto& words = run.run.asked.command_line;
+  return is_simulated(run) && words.size() > 1 && words[1] == "run";
+}
+
+// The scenarios of its command line, which may be folders.
+std::vector<std::string> scenarios_named(const Summary& run) {
+  const auto& words = run.run.asked.command_line;
+  std::vector<std::string> names;
+  if (is_of_lab_machine(run)) return names;
+  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
+  for (std::size_t i = first; i < words.size(); ++i)
+    if (!words[i].starts_with('-'))
+      names.push_back(words[i]);
+    else if (takes_value(words[i]))
+      ++i;
+  return names;
+}
+
+// The scenario of this run as it was named then: a name, or a path.
 std::string scenario_of(const Summary& run) {
   const std::filesystem::path file(run.run.asked.scenario_file);
-  const auto& words = run.run.asked.command_line;
-  if (file.empty() || std::ranges::find(words, file.string()) != words.end()) return file.string();
-  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
-  for (std::size_t i = first; i < words.size(); ++i) {
-    const auto name = std::filesystem::path(words[i]).filename();  // of "demo", "lab/tsn" and "demo.yaml"
-    if (words[i].starts_with('-'))
-      i += takes_value(words[i]) ? 1 : 0;
-    else if (name == file.stem() || name == file.filename())
-      return words[i];
-  }
+  const auto named = scenarios_named(run);
+  if (file.empty() || std::ranges::find(named, file.string()) != named.end()) return file.string();
+  for (const auto& one : named)
+    if (const auto name = std::filesystem::path(one).filename();  // of "demo", "lab/tsn" and "demo.yaml"
+        name == file.stem() || name == file.filename())
+      return one;
   return file.string();
 }
 
@@ -70,8 +86,7 @@ std::vector<std::string> options_of(const Summary& run, Options wanted, bool is_
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
   const bool in_lab = is_simulated(run);
-  // Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
-  if (in_lab && words.size() > 1 && words[1] == "run") return kept;
+  if (is_of_lab_machine(run)) return kept;
   for (std::size_t i = 2; i < words.size(); ++i) {
     if (!words[i].starts_with('-')) continue;
     const auto name = name_of_option(words[i]);
@@ -126,15 +141,21 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
   return kept;
 }
 
-// The words that measure this run again; none, if they are not known.
+// The words that measure this run again; none, if they are not known. With --only, which may choose runs of
+// other scenarios, they name all that were run with it.
 std::vector<std::string> again(const Summary& run, Options wanted, const Origin& origin) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (scenario.starts_with('-')) return {};  // of a foreign file: it would be an option
-    const bool is_trusted = origin.is_own || (origin.trusts && origin.trusts(scenario));
+    const auto named = is_one_of("--only", wanted) ? scenarios_named(run) : std::vector<std::string>();
+    const auto is_trusted = [&](const auto& one) {
+      return origin.is_own || (origin.trusts && origin.trusts(one));
+    };
     std::vector<std::string> all = {"ontime"};
     if (is_simulated(run)) all.emplace_back("lab");
-    all.insert(all.end(), {"run", is_trusted ? scenario : "SCENARIO"});
+    all.emplace_back("run");
+    for (const auto& one : named.empty() ? std::vector{scenario} : named)
+      all.push_back(is_trusted(one) ? one : "SCENARIO");
     const auto options = options_of(run, wanted, origin.is_own);
     all.insert(all.end(), options.begin(), options.end());
     return all;
