@@ -237,5 +237,21 @@ TEST(Answer, FinishesAsTheCallerSays) {
   EXPECT_THAT(commands, testing::Not(testing::Contains(HasSubstr("--resume --results"))));
 }
 
+TEST(Answer, RunThatIsBeingMeasuredIsToBeWatched) {
+  const auto left = summary(asked("a", "udp", 1), nullptr);  // by a killed process
+  auto now = summary(asked("b", "udp", 1), nullptr);
+  now.run.number = left.run.number + 1;
+  now.run.key = "another";
+  auto origin = kept;
+  origin.running_from = now.run.number;
+  const auto answer = answer_of({left, now}, origin);
+  EXPECT_EQ(answer.rows.front().state, Answer::State::cut_off);
+  EXPECT_EQ(answer.rows.back().state, Answer::State::running);
+  EXPECT_THAT(answer.sentence, HasSubstr("Run 2 is being measured."));
+  EXPECT_EQ(commands_of(answer).front(), "ontime watch demo.ontime");
+  EXPECT_THAT(commands_of(answer), Not(Contains(HasSubstr("--resume"))));
+  EXPECT_EQ(answer_of({left, now}, kept).rows.back().state, Answer::State::cut_off);
+}
+
 }  // namespace
 }  // namespace ontime::report

@@ -2,6 +2,7 @@
 #include "report/report.hpp"
 
 #include <filesystem>
+#include <optional>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -16,6 +17,21 @@
 #include "terminal.hpp"
 
 namespace ontime::app {
+namespace {
+
+// Origin::running_from. Runs that a killed process left have another command line, or are measured again.
+std::optional<std::int64_t> running_from(const record::Reader& reader, const std::string& file) {
+  if (!record::is_being_written(file)) return {};
+  const auto runs = reader.runs();
+  std::int64_t from = runs.empty() ? 1 : runs.back().number + 1;
+  for (auto run = runs.rbegin(); run != runs.rend() && !run->outcome.has_ended() &&
+                                 run->asked.command_line == runs.back().asked.command_line;
+       ++run)
+    from = run->number;
+  return from;
+}
+
+}  // namespace
 
 void add_report(Command& app) {
   auto* command =
@@ -40,21 +56,24 @@ void add_report(Command& app) {
     const auto gates = flags->gates();
     const record::Reader reader(arguments->results);
     Output output(arguments->output, kind_of(format));
+    const auto running = running_from(reader, arguments->results);
     const auto summaries = chosen_summaries(reader, arguments->results, arguments->only);
     const auto drawn = [&] {
       Terminal terminal;
       terminal.does("drawing the page");
-      return page::page_of(
-          reader, summaries,
-          {.file = std::filesystem::path(arguments->results).filename().string(), .trusts = is_trusted});
+      return page::page_of(reader, summaries,
+                           {.file = std::filesystem::path(arguments->results).filename().string(),
+                            .trusts = is_trusted,
+                            .running_from = running});
     };
-    const auto text =
-        arguments->threads  ? report::render_threads(summaries, format, output_columns())
-        : arguments->layers ? report::render_layers(summaries, format, output_columns())
-        : format == report::Format::html
-            ? drawn()
-            : shown(summaries, format, arguments->full,
-                    {.file = arguments->results, .only = fmt::format("{}", fmt::join(arguments->only, ","))});
+    const auto text = arguments->threads  ? report::render_threads(summaries, format, output_columns())
+                      : arguments->layers ? report::render_layers(summaries, format, output_columns())
+                      : format == report::Format::html
+                          ? drawn()
+                          : shown(summaries, format, arguments->full,
+                                  {.file = arguments->results,
+                                   .only = fmt::format("{}", fmt::join(arguments->only, ",")),
+                                   .running_from = running});
     // Before the text: a reader that closes the pipe (`| head`) ends this process.
     const int code = flags->finish(flags->judge_wanted(gates, summaries), arguments->results);
     output.write(text);

@@ -222,17 +222,28 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
 }
 
 // Where no row is as requested: one of its repetitions may be.
-std::string unfit_words(const std::vector<Entry>& entries) {
+std::string unfit_words(const std::vector<Entry>& entries, const Origin& origin) {
   std::size_t runs = 0, unfit = 0;
   for (const auto& entry : entries)
     for (const auto* run : entry.runs) {
-      const auto state = state_of(*run);
+      const auto state = state_of(*run, origin.running_from);
+      if (state == State::running) continue;
       runs += state > State::no_limit ? 1 : 0;
       unfit += state > State::late ? 1 : 0;
     }
+  if (unfit == 0) return "";
   if (unfit == runs) return " No run was measured as requested.";
   return fmt::format(" {} of {} runs {} not measured as requested.", unfit, runs,
                      unfit == 1 ? "was" : "were");
+}
+
+std::string running_words(const std::vector<Entry>& entries, const Origin& origin) {
+  std::vector<std::int64_t> running;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs)
+      if (state_of(*run, origin.running_from) == State::running) running.push_back(run->run.number);
+  if (running.size() == 1) return fmt::format(" Run {} is being measured.", running.front());
+  return running.empty() ? "" : fmt::format(" {} runs are being measured.", running.size());
 }
 
 std::string requirements(const std::vector<Entry>& entries) {
@@ -327,7 +338,7 @@ std::string common_conditions(const std::vector<Entry>& entries) {
 
 Answer answer_of(const Summaries& summaries, const Origin& origin) {
   Answer answer;
-  const auto entries = entries_of(summaries);
+  const auto entries = entries_of(summaries, origin.running_from);
   if (entries.empty()) {
     answer.sentence = "There are no runs.";
     return answer;
@@ -343,7 +354,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     found.failed = found.failed || state == State::failed;
     for (const auto* run : entry.runs) {
       if (found.denied == nullptr && !gate::denied(run->run.outcome).empty()) found.denied = run;
-      if (const auto of = state_of(*run);
+      if (const auto of = state_of(*run, origin.running_from);
           found.unfinished == nullptr && (of == State::failed || of == State::cut_off))
         found.unfinished = run;
     }
@@ -392,18 +403,21 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
     std::size_t left_out = 0;
+    bool is_of_all = true;
     CountedApart counted;  // of these
     for (const auto& entry : entries) {
       const auto state = entry.row.state;
       if (!held || as_requested(state) || state <= State::no_limit) continue;
+      is_of_all = false;
+      if (state == State::running) continue;
       ++left_out;
       counted.add(entry);
     }
-    answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
+    answer.sentence = sentence_of(classes, &*worst, contrast, is_of_all);
     if (late_listened > 0)
       answer.sentence += fmt::format(" {} of listened messages {} late or lost ones.",
                                      many(late_listened, "row", "rows"), late_listened == 1 ? "has" : "have");
-    if (!held) answer.sentence += unfit_words(entries);
+    if (!held) answer.sentence += unfit_words(entries, origin);
     if (left_out > 0)
       answer.sentence += fmt::format(" {} of {} {} not measured as requested{}.", left_out,
                                      many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were",
@@ -416,6 +430,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
       }
     }
   }
+  answer.sentence += running_words(entries, origin);
   answer.sentence += searches_sentence_of(summaries);
   answer.sentence += requirements(entries);
   answer.next = next_steps(found, origin);

@@ -24,12 +24,14 @@ struct Origin {
   bool is_own = false;      // this process measured them: their command lines are no stranger's
   std::string finish = {};  // the command line that measures what is left; empty: as the runs tell it
   std::function<bool(const std::string& scenario)> trusts = {};  // empty: none
+  // Another process writes into the file: it measures the runs from this number on that have not ended.
+  std::optional<std::int64_t> running_from = {};
 };
 
 struct Answer {
   // The worst one of the repetitions. no_limit: of a robot's own messages, nothing tells which were late or
   // lost.
-  enum class State { imported, no_limit, ok, late, not_applied, cut_off, failed };
+  enum class State { imported, no_limit, ok, late, not_applied, running, cut_off, failed };
   struct Spread {  // of repetitions; of one run all three are the same
     double low_ns = 0, median_ns = 0, high_ns = 0;
     bool is_least = false;  // beyond an imported histogram: a lower limit
@@ -66,7 +68,7 @@ inline constexpr std::size_t screen_lines = 24;
 std::string text_of(const Answer&, std::size_t width);
 std::string steps_text(const std::vector<Answer::Step>&, std::size_t width);
 nlohmann::ordered_json json_of(const Answer&);  // docs/reference/json.md
-Answer::State state_of(const statistics::Summary&);
+Answer::State state_of(const statistics::Summary&, std::optional<std::int64_t> running_from = {});
 // Of a percentile, or the maximum. Of all repetitions, or of none: those with too few answers for a
 // percentile are the worst ones, which skipped or lost most. One that was cut off or failed may have too few
 // for another reason.

@@ -52,7 +52,7 @@ Wait worst_wait_of(const Summary& run) {
   return {std::max(ended_ns, open_ns), open_ns > 0 && open_ns >= ended_ns};
 }
 
-Row row_of(const Group& runs, const std::string& name) {
+Row row_of(const Group& runs, const std::string& name, std::optional<std::int64_t> running_from) {
   const auto& first = *runs.front();
   Row row;
   row.id = id_of(first.run.asked);
@@ -60,7 +60,7 @@ Row row_of(const Group& runs, const std::string& name) {
   row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
   for (const auto* run : runs) {
     row.runs.push_back(run->run.number);
-    row.state = std::max(row.state, state_of(*run));
+    row.state = std::max(row.state, state_of(*run, running_from));
     row.missed_requirement = row.missed_requirement || has_note(*run, gate::missed_note);
     row.open_requirement = row.open_requirement || has_note(*run, gate::open_note);
     if (run->imported) continue;
@@ -109,7 +109,7 @@ std::vector<std::string> words_of(const std::vector<Stress>& stress, const char*
   return words;
 }
 
-std::vector<Entry> entries_of(const Summaries& summaries) {
+std::vector<Entry> entries_of(const Summaries& summaries, std::optional<std::int64_t> running_from) {
   std::vector<Entry> entries;
   for (const auto& all : by_id(summaries)) {
     Group group;
@@ -129,7 +129,8 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     };
     std::stable_sort(group.begin(), group.end(),
                      [&](const auto* a, const auto* b) { return place_of(a) < place_of(b); });
-    for (const auto& [label, runs] : alike(group)) entries.push_back({runs, row_of(runs, label)});
+    for (const auto& [label, runs] : alike(group))
+      entries.push_back({runs, row_of(runs, label, running_from)});
   }
   return entries;
 }
@@ -216,7 +217,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   return cautions;
 }
 
-State state_of(const Summary& run) {
+State state_of(const Summary& run, std::optional<std::int64_t> running_from) {
   const bool is_late = statistics::fates_of(run).not_in_time > 0;
   switch (gate::flaw_of(run)) {
     case Flaw::imported:
@@ -224,7 +225,8 @@ State state_of(const Summary& run) {
     case Flaw::failed:
       return State::failed;
     case Flaw::cut_off:
-      return State::cut_off;
+      return running_from && run.run.number >= *running_from && !run.run.outcome.has_ended() ? State::running
+                                                                                             : State::cut_off;
     case Flaw::worst_only:  // its counts are of all messages
     case Flaw::none:
       return is_late ? State::late : knows_missed(run.run) ? State::ok : State::no_limit;

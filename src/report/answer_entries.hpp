@@ -32,7 +32,7 @@ struct Entry {
   Group runs;
   Answer::Row row;
 };
-std::vector<Entry> entries_of(const Summaries&);
+std::vector<Entry> entries_of(const Summaries&, std::optional<std::int64_t> running_from);
 
 double share_of(const Answer::Row&);                              // of its cycles, those not in time
 std::string name_of(const Answer::Row&, bool with_id);            // "Test1.B udp", or "udp"

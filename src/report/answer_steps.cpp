@@ -201,7 +201,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   };
   const auto file = table::as_operand(origin.file);
   if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
-  if (!origin.finish.empty())
+  if (origin.running_from && !file.empty())
+    add("Watch", {"ontime", "watch", file});
+  else if (!origin.finish.empty())
     steps.push_back({"Finish", origin.finish});
   else if (found.unfinished != nullptr && !file.empty())
     if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))

@@ -53,7 +53,7 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   const auto rank = [](const Row& row) {
     if (row.state == State::failed) return 4;
     if (row.missed > 0 || row.missed_requirement) return 3;  // a run that was cut off need not have any
-    return row.state == State::cut_off ? 2 : row.state == State::not_applied ? 1 : 0;
+    return row.state >= State::running ? 2 : row.state == State::not_applied ? 1 : 0;
   };
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
@@ -155,7 +155,8 @@ std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width
 }
 
 const char* word_of(State state) {
-  constexpr const char* words[] = {"imported", "no limit", "ok", "LATE", "NOT APPLIED", "CUT OFF", "FAILED"};
+  constexpr const char* words[] = {"imported",    "no limit", "ok",      "LATE",
+                                   "NOT APPLIED", "running",  "CUT OFF", "FAILED"};
   return words[static_cast<std::size_t>(state)];
 }
 
