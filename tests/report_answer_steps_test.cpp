@@ -237,6 +237,19 @@ TEST(Answer, FinishesAsTheCallerSays) {
   EXPECT_THAT(commands, testing::Not(testing::Contains(HasSubstr("--resume --results"))));
 }
 
+// Without root on loopback, then by root in namespaces: --resume would find all complete.
+TEST(Answer, FinishLeavesOutWhatWasMeasuredOnOtherHosts) {
+  auto failed = summary(asked("a", "udp", 1), {{"error", "not permitted"}}, 0),
+       again = run(2, "a", "udp", {});
+  amend(failed.run.asked, {{"scenario_file", "demo.yaml"}, {"hosts", "loopback"}});
+  again.run.asked = failed.run.asked;
+  amend(again.run.asked, "/hosts", "namespaces");
+  EXPECT_THAT(commands_of(answer_of({failed}, kept)), Contains(HasSubstr("--resume")));
+  EXPECT_THAT(commands_of(answer_of({failed, again}, kept)), Not(Contains(HasSubstr("--resume"))));
+  amend(again.run.asked, "/payload_bytes", 1);
+  EXPECT_THAT(commands_of(answer_of({failed, again}, kept)), Contains(HasSubstr("--resume")));
+}
+
 TEST(Answer, RunThatIsBeingMeasuredIsToBeWatched) {
   const auto left = summary(asked("a", "udp", 1), nullptr);  // by a killed process
   auto now = summary(asked("b", "udp", 1), nullptr);

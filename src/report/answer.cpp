@@ -266,6 +266,22 @@ std::string requirements(const std::vector<Entry>& entries) {
 
 // --- what to do next ---
 
+// Whether a later one is complete that differs only in its hosts: without root, both ends are on loopback.
+// --resume measures neither again.
+bool is_measured_elsewhere(const Summary& run, const Summaries& all) {
+  const auto conditions_of = [](const record::Asked& asked) {
+    auto conditions = record::conditions_of(asked.document);
+    conditions.erase("hosts");
+    return conditions;
+  };
+  const auto& asked = run.run.asked;
+  return std::ranges::any_of(all, [&](const Summary& other) {
+    return other.run.number > run.run.number && other.run.asked.id == asked.id &&
+           other.run.asked.repetition == asked.repetition && statistics::is_complete(other.run) &&
+           conditions_of(other.run.asked) == conditions_of(asked);
+  });
+}
+
 // So long a run without a late message would bound their share by the next power of ten.
 void add_longer(Findings& found, const std::vector<Entry>& entries) {
   double bound = 0;
@@ -355,7 +371,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     for (const auto* run : entry.runs) {
       if (found.denied == nullptr && !gate::denied(run->run.outcome).empty()) found.denied = run;
       if (const auto of = state_of(*run, origin.running_from);
-          found.unfinished == nullptr && (of == State::failed || of == State::cut_off))
+          found.unfinished == nullptr && (of == State::failed || of == State::cut_off) &&
+          !is_measured_elsewhere(*run, summaries))
         found.unfinished = run;
     }
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
