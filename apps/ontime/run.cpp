@@ -127,7 +127,7 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   auto& interrupts = catch_interrupts("interrupted: restoring settings …");
   record::Writer writer(results);
-  const auto known = arguments.resume ? 0 : writer.reader().runs().size();
+  const auto before = writer.reader().runs().size();
   const auto done = arguments.resume ? done_in(writer.reader()) : campaign::Done();
   Beside terminal(writer, arguments.send_to);
   expect(terminal, scenarios, done);
@@ -149,6 +149,9 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   }
   if (arguments.only_measure) return code;
   const auto go_on = code == 130 ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
+  // With --resume the report is of all runs, unless it was refused.
+  const bool none = code != 0 && writer.reader().runs().size() == before;
+  const auto known = arguments.resume && !none ? 0 : before;
   return show_measured({writer, results, known, code, unfinished, go_on}, format, arguments.full, flags,
                        gates, terminal);
 }

@@ -151,6 +151,8 @@ class System(Program):
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
         self.assertEqual(answer.returncode, 2, answer.stderr)
         self.assertIn("another machine", answer.stderr)
+        self.assertEqual(answer.stdout, "", "the old report would hide why")
+        self.assertNotIn("page:", answer.stderr)
 
     def recorded(self):
         if not os.path.exists(self.results):
