@@ -101,6 +101,8 @@ TEST(Ssh, EachFailureNamesHostAndFix) {
                 AllOf(HasSubstr("me@robot"), HasSubstr(why)));
   EXPECT_THAT(reason(255, "ssh: Could not resolve hostname robot: Name or service not known"),
               AllOf(HasSubstr("me@robot"), HasSubstr("Could not resolve")));
+  EXPECT_THAT(reason(255, "hostname contains invalid characters\n"),
+              AllOf(HasSubstr("'me@robot' is not a host"), Not(HasSubstr("lost"))));
   EXPECT_EQ(reason(255), "the connection to me@robot was lost");
   EXPECT_EQ(reason(255, "client_loop: send disconnect: Broken pipe\n"),
             "the connection to me@robot was lost (client_loop: send disconnect: Broken pipe)");

@@ -70,7 +70,9 @@ Place place_of(const std::string& host) {
   const auto [said, code] = said_by({"ssh", "-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
                                      table::shell_line({"sh", "-c", question})});
   const auto answer = said.find("ontime-init ");
-  if (code != 0 || answer == said.npos) throw Error(3, campaign::reason_of(host, "sh", code, said));
+  if (code != 0 || answer == said.npos)
+    throw Error(said.find(campaign::ssh_invalid) != said.npos ? 2 : 3,
+                campaign::reason_of(host, "sh", code, said));
   Place place;
   place.ssh = host;
   std::istringstream words(said.substr(answer));

@@ -78,6 +78,8 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
   if (has("Could not resolve"))
     return fmt::format("{} cannot be reached: {}. Fix: add the name to ~/.ssh/config, /etc/hosts or DNS",
                        destination, line);
+  if (has(ssh_invalid))
+    return fmt::format("'{}' is not a host for ssh, such as me@robot: {}", destination, line);
   return fmt::format("the connection to {} was lost{}", destination, line.empty() ? "" : " (" + line + ")");
 }
 

@@ -39,6 +39,8 @@ class Ssh {
   std::string destination_, folder_;
 };
 
+// What ssh says of a destination that can be none.
+inline constexpr const char* ssh_invalid = "contains invalid characters";
 // As Between::reason: from the exit code and from output that is not an event. "" if unknown.
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said);
