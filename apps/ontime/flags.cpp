@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "flags.hpp"
 
+#include <boost/algorithm/string/predicate.hpp>
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -80,6 +81,14 @@ report::Format format_flag(const std::string& word, const std::string& file) {
   for (const auto& [ending, format] :
        {std::pair(".html", html), {".json", json}, {".csv", csv}, {".md", markdown}, {".tex", latex}})
     if (file.ends_with(ending)) return format;
+  for (const auto* ending : {".svg", ".pdf", ".png", ".eps", ".jpg", ".jpeg", ".gif", ".htm", ".xml", ".yaml",
+                             ".yml", ".xlsx", ".ods", ".docx", ".odt"})
+    if (boost::algorithm::iends_with(file, ending))
+      throw Error(2,
+                  fmt::format("--output: a {} is none of the formats here. Fix: name a file with the ending "
+                              ".html, .json, .csv, .md, .tex or .txt; `ontime plot` and `ontime compare "
+                              "--plot` draw figures, --junit writes XML",
+                              ending));
   return table;
 }
 

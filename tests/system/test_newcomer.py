@@ -135,6 +135,8 @@ class Newcomer(unittest.TestCase):
                     self.assertEqual(text, self.ontime(*command, *(["--format", ending[1:]] if begin else [])).stdout)
                     self.assertTrue(text.lower().startswith((begin or "").lower()), text[:80])
                     self.ontime(*command, "--format", "table", "--output", f"{command[0]}-table.txt")
+            self.assertIn("ontime plot", self.ontime(*command, "--output", "g.PDF", code=2).stderr)
+            self.assertFalse((self.folder / "g.PDF").exists())
 
     def test_a_value_without_its_option_is_answered_with_the_option(self):
         for word, option in (("10.0.0.2", "--peer 10.0.0.2"), ("udp", "--transport udp")):
@@ -182,6 +184,7 @@ class Newcomer(unittest.TestCase):
         self.assertEqual(done.stderr.count("robot@no-such-host.invalid"), 1)
         self.ontime("init", "-oProxyCommand=x", code=2)
         self.ontime("init", "a", "b", "c", code=2)
+        self.assertIn("'a b' is not a host", self.ontime("init", "a b", code=2).stderr)
         self.assertEqual(list(self.folder.iterdir()), [])
         (self.folder / "robot.yaml").write_text("mine")
         self.assertIn("exists", self.ontime("init", "robot", code=2).stderr)

@@ -388,7 +388,7 @@ class Results(results.Results):
             for name in ["drawn.svg"] if command == "plot" else others:
                 with self.subTest(name, command=command, more=more):
                     answer = self.ontime(command, self.results, *more, "--output", self.folder / name, code=2)
-                    self.assertIn(f"{name} exists and is no", answer.stderr)
+                    self.assertRegex(answer.stderr, f"{name} exists and is no|is none of the formats")
                     self.assertEqual((self.folder / name).read_bytes(), others[name])
         self.assertIn("exists and is no", self.ontime("listen", "--for", "1h", "--output", self.folder / "load.yaml", code=2).stderr)
         self.ontime("report", self.results, "--output", "/dev/stdout")
