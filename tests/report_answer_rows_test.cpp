@@ -236,6 +236,7 @@ TEST(Words, LimitOfAnIntervalIsNeverRoundedInwards) {
 
 TEST(Words, HoursAreNoLongNumberOfSeconds) {
   using namespace std::chrono_literals;
+  EXPECT_EQ(duration(1ns), "1 ns");
   EXPECT_EQ(duration(600s), "600 s");
   EXPECT_EQ(duration(3601s), "3601 s");
   EXPECT_EQ(duration(1h), "1 h");

@@ -13,6 +13,7 @@
 
 #include "orders/orders.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -64,9 +65,10 @@ std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
     throw orders::Error(
-        2,
-        fmt::format("{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones",
-                    name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
+        2, fmt::format(
+               "{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones", name,
+               is_there(name) ? "; to run the one in this folder: " + table::shell_line({"./" + name}) + "."
+                              : meant(name)));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))

@@ -50,10 +50,14 @@ std::size_t columns() {
   return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col : 80;
 }
 
+// Only the report computes how many cycles had no answer in time: late and lost are messages.
 std::string words(const roundtrip::Counters& counters) {
-  // Only the report computes whether the reply that a skipped cycle waited for was in time.
-  return fmt::format("{} late, {} lost, {} skipped of {} cycles", counters.late, counters.lost,
-                     counters.skipped_cycles, counters.sent + counters.skipped_cycles);
+  const auto skipped = counters.skipped_cycles;
+  return fmt::format("{} late, {} lost of {}", counters.late, counters.lost,
+                     table::many(counters.sent, "message", "messages")) +
+         (skipped > 0 ? fmt::format("; {} of {} skipped", table::grouped(skipped),
+                                    table::many(counters.sent + skipped, "cycle", "cycles"))
+                      : "");
 }
 
 // Ignores write errors: a full disk under a log must not stop a measurement.
@@ -174,8 +178,10 @@ void Terminal::next(const campaign::Run& run, bool is_planned) {
   begun_ = Clock::now();
   const auto repetition = run.repetition > 1 ? fmt::format(" #{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  name_ = table::printable(fmt::format("{}{} {}{}", table::shortened(run.id, gate::longest_id), variant,
-                                       run.task.transport, repetition));
+  const bool has_one_transport =
+      std::ranges::all_of(run.own, [&](const auto& own) { return own.task.transport == run.task.transport; });
+  name_ = table::printable(fmt::format("{}{}{}{}", table::shortened(run.id, gate::longest_id), variant,
+                                       has_one_transport ? " " + run.task.transport : "", repetition));
 }
 
 // Of this run and all after it.

@@ -113,6 +113,7 @@ std::string duration(std::chrono::nanoseconds time) {
   if (value >= 999'999.5e6) return fmt::format("{:.0f} s", value / 1e6);  // without an exponent
   if (value >= 1e6) return fmt::format("{:.6g} s", value / 1e6);
   if (value >= 1e3) return fmt::format("{:.6g} ms", value / 1e3);
+  if (value > 0 && value < 1) return fmt::format("{} ns", time.count());
   return fmt::format("{:.6g} µs", value);
 }
 

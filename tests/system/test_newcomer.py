@@ -101,6 +101,8 @@ class Newcomer(unittest.TestCase):
             with self.subTest(name):
                 self.assertIn("no such scenario", self.ontime("scenarios", name, code=2).stderr)
         self.assertIn("did you mean 'demo'", self.ontime("scenarios", "./demo.yaml", code=2).stderr)
+        (self.folder / "my runs").mkdir()
+        self.assertIn("'./my runs'", self.ontime("run", "my runs", code=2).stderr)
         for name in ("demo", "lab", "lab/tsn", "lab/tsn.yaml", "scenarios/demo.yaml", "scenarios/lab"):
             with self.subTest(name):
                 self.ontime("scenarios", name)
@@ -278,7 +280,7 @@ class Newcomer(unittest.TestCase):
         (self.folder / "two.yaml").write_text("hosts: loopback\ndefaults: {transport: udp, duration: 200 ms}\n"
                                               "runs: [{id: a}, {id: b}]\n")
         said = self.ontime("run", "./two.yaml").stderr
-        self.assertRegex(said, r"\[1/2, ≥ [0-9]+ s left\] a udp .*200 ms.*\n\[1/2.*\n\[2/2, [0-9]+ s left\] b udp .*200 ms.*\n\[2/2")
+        self.assertRegex(said, r"\[1/2, ≥ [0-9]+ s left\] a udp .*200 ms.*\n\[1/2.* \d+ late, \d+ lost of \d+ messages.*\n\[2/2, [0-9]+ s left\] b udp .*200 ms.*\n\[2/2")
 
     def test_progress_is_cut_between_words(self):
         shown = self.on_a_terminal("ping", "--transport", "udp", "--peer", "127.0.0.1:9", "--wait", "300 ms", columns=36,
