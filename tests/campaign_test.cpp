@@ -87,6 +87,15 @@ TEST_F(ScenarioFile, PlanCountsOnlyTheTimeOfWhatIsNotInTheResults) {
   EXPECT_NEAR(resumed.time.count(), (time_of(scenario.runs[0]) + 2 * steps).count(), 1e-6);
 }
 
+TEST_F(ScenarioFile, LoadTakesTimeToStart) {
+  const auto scenario = read(
+      "hosts: loopback\n"
+      "defaults: {transport: udp, duration: 20 ms}\n"
+      "runs: [{id: a}, {id: b, load: {controller: {cpu: 1}}}]\n");
+  EXPECT_LT(time_of(scenario.runs[0]).count(), 1);
+  EXPECT_GT(time_of(scenario.runs[1]).count(), 2);
+}
+
 TEST_F(ScenarioFile, DefaultsHoldWhereARunSaysNothing) {
   const auto scenario = read(
       "title: T\n"

@@ -272,14 +272,18 @@ Run Scenario::at(std::size_t number) const {
 }
 
 std::chrono::duration<double> time_of(const Run& run) {
-  constexpr std::chrono::duration<double> beside(
-      2);  // start, matching, the account; as seen with three transports
+  // Start, matching and the account, as seen with three transports; and until stress runs.
+  constexpr std::chrono::duration<double> beside(0.5), stress(3.5);
+  const auto has_stress = [](const Run& one) {
+    return one.controller_load.any() || one.component_load.any() || one.traffic.any();
+  };
   const auto warm_up = [](const Run& one) {
     return static_cast<double>(one.task.client.warm_up) * one.task.client.period;
   };
   std::chrono::duration<double> longest = warm_up(run);  // all warm up before any begins
   for (const auto& own : run.own) longest = std::max<std::chrono::duration<double>>(longest, warm_up(own));
-  return beside + run.task.client.duration + longest;
+  const bool waits = has_stress(run) || std::ranges::any_of(run.own, has_stress);
+  return beside + (waits ? stress : stress.zero()) + run.task.client.duration + longest;
 }
 
 std::chrono::duration<double> time_of(const Scenario& scenario) {

@@ -131,11 +131,11 @@ class System(Program):
         process.send_signal(signal.SIGTERM)
         _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
-        self.assertIn("4 runs, about 16 s", error)
+        self.assertIn("4 runs, about 10 s", error)
         self.assertEqual([run["complete"] for run in self.report()], [True, False])
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertRegex(answer.stderr, r"\[1/4, ≥ 12 s left\] one udp +skipped")
+        self.assertRegex(answer.stderr, r"\[1/4, ≥ 8 s left\] one udp +skipped")
         self.assertEqual([(run["id"], run["repetition"]) for run in self.report() if run["complete"]],
                          [("one", 1), ("one", 2), ("two", 1), ("two", 2)])
         # What is asked otherwise is not done: neither a text that was changed, nor another duration.
