@@ -77,9 +77,14 @@ class Results(results.Results):
 
     def test_what_was_interrupted_and_measured_again_is_judged_by_that(self):
         process = self.started("6 s")
+        answer = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["answer"]
+        self.assertEqual([row["state"] for row in answer["rows"]], ["running"])
+        self.assertIn("ontime watch", answer["next"][0]["command"])
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
+        answer = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["answer"]
+        self.assertEqual([row["state"] for row in answer["rows"]], ["CUT OFF"])
         gates = ("--fail-if", "max > 100 s", "--junit", "gates.xml")
         self.ontime("report", self.results, *gates, code=1)
         answer = self.ontime("run", self.scenario(duration="6 s"), "--results", self.results, "--resume", *gates)
