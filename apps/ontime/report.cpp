@@ -20,8 +20,8 @@ namespace ontime::app {
 namespace {
 
 // Origin::running_from. Runs that a killed process left have another command line, or are measured again.
-std::optional<std::int64_t> running_from(const record::Reader& reader, const std::string& file) {
-  if (!record::is_being_written(file)) return {};
+std::optional<std::int64_t> running_from(const record::Reader& reader, bool is_being_written) {
+  if (!is_being_written) return {};
   const auto runs = reader.runs();
   std::int64_t from = runs.empty() ? 1 : runs.back().number + 1;
   for (auto run = runs.rbegin(); run != runs.rend() && !run->outcome.has_ended() &&
@@ -54,9 +54,10 @@ void add_report(Command& app) {
   command->calls([arguments, flags] {
     const auto format = format_flag(arguments->format, arguments->output);
     const auto gates = flags->gates();
+    const bool is_being_written = record::is_being_written(arguments->results);  // before it is opened
     const record::Reader reader(arguments->results);
     Output output(arguments->output, kind_of(format));
-    const auto running = running_from(reader, arguments->results);
+    const auto running = running_from(reader, is_being_written);
     const auto summaries = chosen_summaries(reader, arguments->results, arguments->only);
     const auto drawn = [&] {
       Terminal terminal;

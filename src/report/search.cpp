@@ -184,14 +184,15 @@ Table searches_table(const Group& group) {
   for (const auto& one : found(group)) {
     add_once(keys, one.key());
     const auto bound = bound_of(one.passed);
-    table.rows.push_back({one.whose(), one.passed == nullptr ? "none" : one.passed->value,
-                          one.passed == nullptr ? nothing : grouped(one.passed->messages),
-                          bound ? fmt::format("< {} %", table::percent(*bound, 2, table::Limit::high)) : nothing,
-                          one.ended != nullptr              ? one.ended->value
-                          : one.ended_by_another != nullptr ? one.ended_by_another->value
-                          : one.finished                    ? "none"
-                                                            : nothing,
-                          because(one)});
+    table.rows.push_back(
+        {one.whose(), one.passed == nullptr ? "none" : one.passed->value,
+         one.passed == nullptr ? nothing : grouped(one.passed->messages),
+         bound ? fmt::format("< {} %", table::percent(*bound, 2, table::Limit::high)) : nothing,
+         one.ended != nullptr              ? one.ended->value
+         : one.ended_by_another != nullptr ? one.ended_by_another->value
+         : one.finished                    ? "none"
+                                           : nothing,
+         because(one)});
   }
   if (table.rows.empty()) return table;
   table.title = fmt::format("highest {} without a miss", join(keys, ", "));
