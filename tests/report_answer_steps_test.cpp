@@ -237,6 +237,15 @@ TEST(Answer, FinishesAsTheCallerSays) {
   EXPECT_THAT(commands, testing::Not(testing::Contains(HasSubstr("--resume --results"))));
 }
 
+TEST(Answer, NextCommandOfASearchRunsItsScenario) {
+  auto one = run_without_a_late_message();
+  amend(one.run.asked,
+        {{"command_line", {"ontime", "tune", "search", "demo", "--goal", "late = 0", "--only", "a"}},
+         {"scenario_file", "/x/demo.yaml"}});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)),
+              Contains(testing::StartsWith("ontime run demo --only a --duration")));
+}
+
 // Without root on loopback, then by root in namespaces: --resume would find all complete.
 TEST(Answer, FinishLeavesOutWhatWasMeasuredOnOtherHosts) {
   auto failed = summary(asked("a", "udp", 1), {{"error", "not permitted"}}, 0),
@@ -246,7 +255,10 @@ TEST(Answer, FinishLeavesOutWhatWasMeasuredOnOtherHosts) {
   amend(again.run.asked, "/hosts", "namespaces");
   EXPECT_THAT(commands_of(answer_of({failed}, kept)), Contains(HasSubstr("--resume")));
   EXPECT_THAT(commands_of(answer_of({failed, again}, kept)), Not(Contains(HasSubstr("--resume"))));
-  amend(again.run.asked, "/payload_bytes", 1);
+  amend(again.run.asked, "/scenario", "of another robot");
+  EXPECT_THAT(commands_of(answer_of({failed, again}, kept)), Contains(HasSubstr("--resume")));
+  again.run.asked = failed.run.asked;
+  amend(again.run.asked, {{"hosts", "namespaces"}, {"payload_bytes", 1}});
   EXPECT_THAT(commands_of(answer_of({failed, again}, kept)), Contains(HasSubstr("--resume")));
 }
 

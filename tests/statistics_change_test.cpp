@@ -153,7 +153,6 @@ TEST(Change, SpreadOfTheFewRunsThatDifferCountsBesideManyThatDoNot) {
   }
 }
 
-// Copies of a file, or of a coarse clock: they do not show how much repetitions vary.
 // Of two runs with three slow answers of 300, and two with four, the p99 is that of two modes: by chance.
 TEST(Change, SpreadOfFewRunsDecidesNothingWhereTheirSamplesGiveNoLimit) {
   const auto verdict_of = [](std::size_t before, std::size_t after) {
@@ -166,8 +165,11 @@ TEST(Change, SpreadOfFewRunsDecidesNothingWhereTheirSamplesGiveNoLimit) {
   for (const std::size_t few : {2U, 3U, 4U}) EXPECT_EQ(verdict_of(few, few), Verdict::cannot_tell) << few;
   EXPECT_EQ(verdict_of(5, 5), Verdict::worse);
   EXPECT_EQ(verdict_of(2, 20), Verdict::worse);
+  EXPECT_EQ(verdict_of(2000, 2000), Verdict::worse);
+  EXPECT_EQ(verdict_of(1, 2000), Verdict::cannot_tell);
 }
 
+// Copies of a file, or of a coarse clock: they do not show how much repetitions vary.
 TEST(Change, RepetitionsThatAreEqualProveNothing) {
   Random random(23);
   const auto& kind = kinds().front();

@@ -242,7 +242,7 @@ Program::Program(const std::string& name, const std::string& help, const std::st
 Program::~Program() = default;
 
 Action Program::parse(int argc, char** argv) {
-  std::vector<std::string> words(argv + 1, argv + argc);
+  std::vector<std::string> words(argv + std::min(argc, 1), argv + argc);
   // "ontime help ping", as other programs have it. An unknown command is refused below.
   if (!words.empty() && words.front() == "help") {
     words.erase(words.begin());

@@ -79,19 +79,20 @@ std::vector<std::string> files_of(const std::string& name) {
   return files;
 }
 
-// A folder with a sticky bit lets others add files, but not replace this one. A user's group with the user's
-// number is the user's alone. Of a file with an access list, the group's bits are those of the list.
-bool only_we_can_change(const fs::path& path) {
+// A folder with a sticky bit lets others add files, but not replace those on a `way` through it. A user's
+// group with the user's number is the user's alone. Of a file with an access list, the group's bits are those
+// of the list.
+bool only_we_can_change(const fs::path& path, bool is_way) {
   struct stat of {};
   if (lstat(path.c_str(), &of) != 0 || (!S_ISREG(of.st_mode) && !S_ISDIR(of.st_mode))) return false;
   const char* const caller = std::getenv("SUDO_UID");  // NOLINT(concurrency-mt-unsafe): nothing sets it
   const bool is_ours = of.st_uid == 0 || of.st_uid == geteuid() ||
                        (geteuid() == 0 && caller != nullptr && std::to_string(of.st_uid) == caller);
-  const bool is_sticky = S_ISDIR(of.st_mode) && (of.st_mode & S_ISVTX) != 0;
+  const bool is_sticky_way = is_way && (of.st_mode & S_ISVTX) != 0;
   const bool is_group_own = of.st_gid == of.st_uid && of.st_uid != 0 &&
                             getxattr(path.c_str(), "system.posix_acl_access", nullptr, 0) < 0;
   const bool may_others = (of.st_mode & S_IWOTH) != 0 || ((of.st_mode & S_IWGRP) != 0 && !is_group_own);
-  return is_ours && (!may_others || is_sticky);
+  return is_ours && (!may_others || is_sticky_way);
 }
 
 }  // namespace
@@ -137,9 +138,12 @@ bool is_trusted(const std::string& name) {
   } else if (!fs::is_regular_file(path, error)) {
     return false;
   }
-  for (; only_we_can_change(path); path = path.parent_path())
-    if (path == path.parent_path()) return true;  // the root of all
-  return false;
+  if (!only_we_can_change(path, false)) return false;
+  while (path != path.parent_path()) {  // up to the root of all
+    path = path.parent_path();
+    if (!only_we_can_change(path, true)) return false;
+  }
+  return true;
 }
 
 }  // namespace ontime::app

@@ -19,8 +19,8 @@ std::vector<std::string> own_scenario_names();
 std::vector<std::string> scenario_files(const std::vector<std::string>& names);
 
 // Whether only root and this user (under sudo: who called it) can choose what this name runs: an
-// installed scenario, or a file that only they can change or replace; a folder, if all its scenarios are
-// that.
+// installed scenario, or a file that only they can change or replace; a folder, if they alone can add files
+// to it and this holds for its scenarios.
 bool is_trusted(const std::string& name);
 
 }  // namespace ontime::app

@@ -53,7 +53,7 @@ std::size_t columns() {
 // Only the report computes how many cycles had no answer in time: late and lost are messages.
 std::string words(const roundtrip::Counters& counters) {
   const auto skipped = counters.skipped_cycles;
-  return fmt::format("{} late, {} lost of {}", counters.late, counters.lost,
+  return fmt::format("{} late, {} lost of {}", table::grouped(counters.late), table::grouped(counters.lost),
                      table::many(counters.sent, "message", "messages")) +
          (skipped > 0 ? fmt::format("; {} of {} skipped", table::grouped(skipped),
                                     table::many(counters.sent + skipped, "cycle", "cycles"))

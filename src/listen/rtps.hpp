@@ -51,8 +51,8 @@ struct Visitor {
 };
 
 // Ignores datagrams that are not RTPS. The submessage that goes beyond the end is visited only if the capture
-// cut the datagram: else it is invalid, and no reader takes it. The same
-// holds for a submessage with fewer bytes than the fragments that it states.
+// cut the datagram: else it is invalid, and no reader takes it. So is a submessage with fewer bytes
+// than the fragments that it states.
 void visit(std::span<const std::byte> datagram, const Visitor&, bool is_cut = false);
 
 // A writer or reader as announced by a discovery message.

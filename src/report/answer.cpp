@@ -266,9 +266,14 @@ std::string requirements(const std::vector<Entry>& entries) {
 
 // --- what to do next ---
 
-// Whether a later one is complete that differs only in its hosts: without root, both ends are on loopback.
+// Whether a later one of the same scenario is complete in namespaces: without root, both ends are on
+// loopback.
 // --resume measures neither again.
 bool is_measured_elsewhere(const Summary& run, const Summaries& all) {
+  const auto is_on = [](const Summary& one, const char* hosts) {
+    return record::at(one.run.asked.document, "hosts") == hosts;
+  };
+  if (!is_on(run, "loopback")) return false;
   const auto conditions_of = [](const record::Asked& asked) {
     auto conditions = record::conditions_of(asked.document);
     conditions.erase("hosts");
@@ -276,7 +281,8 @@ bool is_measured_elsewhere(const Summary& run, const Summaries& all) {
   };
   const auto& asked = run.run.asked;
   return std::ranges::any_of(all, [&](const Summary& other) {
-    return other.run.number > run.run.number && other.run.asked.id == asked.id &&
+    return other.run.number > run.run.number && is_on(other, "namespaces") &&
+           other.run.asked.id == asked.id && other.run.asked.scenario == asked.scenario &&
            other.run.asked.repetition == asked.repetition && statistics::is_complete(other.run) &&
            conditions_of(other.run.asked) == conditions_of(asked);
   });
@@ -408,6 +414,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const bool lacks_limit = std::ranges::any_of(
         answer.rows, [](const Row& row) { return row.state != State::imported && !row.knows_missed; });
     const bool has_open = std::ranges::any_of(answer.rows, &Row::open_requirement);
+    const bool is_running =
+        std::ranges::any_of(answer.rows, [](const Row& row) { return row.state == State::running; });
     CountedApart counted;
     for (const auto& entry : entries) counted.add(entry);
     const auto no_sample = no_sample_words(counted);
@@ -415,6 +423,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
                       : lacks_limit           ? std::string(no_limit_words) + " Lost messages are unknown."
                       : !no_sample.empty()    ? no_sample
                       : imported              ? "Imported: wake-up latencies of another tool, no messages."
+                      : is_running            ? "No message is recorded yet."
                                               : "Nothing was measured. No message was sent.";
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);

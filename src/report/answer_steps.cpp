@@ -46,7 +46,7 @@ constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
 
 // Whether the word after this one is its value.
 bool takes_value(const std::string& option) {
-  return option.find('=') == std::string::npos && !is_one_of(option, without_value);
+  return option != "--" && option.find('=') == std::string::npos && !is_one_of(option, without_value);
 }
 
 // Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
@@ -60,7 +60,8 @@ std::vector<std::string> scenarios_named(const Summary& run) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> names;
   if (is_of_lab_machine(run)) return names;
-  const std::size_t first = words.size() > 1 && words[1] == "lab" ? 3 : 2;  // after "ontime run"
+  // After "ontime run", "ontime lab run", "ontime tune search".
+  const std::size_t first = words.size() > 1 && words[1] == "run" ? 2 : 3;
   for (std::size_t i = first; i < words.size(); ++i)
     if (!words[i].starts_with('-'))
       names.push_back(words[i]);

@@ -70,13 +70,17 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
                        std::min(share, 1.0), percent_text});
 }
 
-// By other programs: only a run that keeps no CPU busy itself can tell.
+// By other programs, unless the run keeps the CPUs busy itself.
 constexpr double all_busy = 0.9;
 void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   const auto& asked = summary.run.asked;
-  const auto polls = [](const auto& options) { return options.contains("busy-poll"); };
-  if (summary.imported || asked.is_listened() || asked.controller_load.any() || asked.component_load.any() ||
-      asked.traffic.any() || asked.task.background.topics > 0 || asked.others.components > 0 ||
+  const auto polls = [](const auto& options) {
+    const auto found = options.find("busy-poll");
+    return found != options.end() && found->second != "off";
+  };
+  if (!simulated(summary.run.outcome).empty() || summary.imported || asked.is_listened() ||
+      asked.controller_load.any() || asked.component_load.any() || asked.traffic.any() ||
+      asked.task.background.topics > 0 || asked.others.components > 0 ||
       asked.task.client.schedule == roundtrip::Schedule::back_to_back || polls(asked.task.config.options) ||
       polls(asked.component_options))
     return;
@@ -85,7 +89,7 @@ void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& sum
     const auto busy = find(summary.run.outcome.conditions, host).cpu_busy.value_or(0);
     if (busy < all_busy) continue;
     remarks.push_back({Weight::caution,
-                       fmt::format("other load: the {}CPUs were {{}} busy, and this run requested no load",
+                       fmt::format("the {}CPUs were {{}} busy, though this run requested no load",
                                    one_machine ? "" : fmt::format("{}'s ", host)),
                        busy, percent_text});
     if (one_machine) break;

@@ -6,7 +6,6 @@
 
 #include <boost/math/distributions/binomial.hpp>
 #include <boost/math/distributions/students_t.hpp>
-#include <boost/math/special_functions/binomial.hpp>
 
 #include "statistics/statistics.hpp"
 
@@ -74,9 +73,13 @@ double between_runs(const Side& from, const Side& to) {
 // be almost equal by chance. But in equal conditions, all of one side are rarely beyond all of the other.
 bool are_enough(std::size_t from, std::size_t to) {
   constexpr double at_most = 0.02;  // of both directions, as the interval
-  return 2 / boost::math::binomial_coefficient<double>(static_cast<unsigned>(from + to),
-                                                       static_cast<unsigned>(from)) <=
-         at_most;
+  const auto [fewer, more] = std::minmax(from, to);
+  double ways = 1;  // to choose the runs of one side from all: a binomial coefficient
+  for (std::size_t i = 1; fewer > 1 && i <= fewer; ++i) {
+    ways *= static_cast<double>(more + i) / static_cast<double>(i);
+    if (2 / ways <= at_most) return true;
+  }
+  return false;
 }
 
 Interval difference_lies(const Side& from, const Side& to, bool runs_decide) {

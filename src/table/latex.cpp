@@ -48,6 +48,7 @@ std::string escape_latex(const std::string& text) {
                                                                    {"⁻", "$^{-}$"},
                                                                    {"⁶", "$^{6}$"},
                                                                    {"–", "--"},
+                                                                   {"█", "\\rule{.5em}{1ex}"},
                                                                    {"…", "\\ldots{}"}};
   std::string result;
   for (std::size_t i = 0, length = 0; i < text.size(); i += length) {

@@ -55,6 +55,16 @@ class Results(results.Results):
         scenario.symlink_to("moved.yaml")
         self.assertEqual(named(), [False, False])
 
+    def test_next_commands_name_no_folder_to_which_others_can_add_scenarios(self):
+        suite = self.folder / "suite"
+        suite.mkdir()
+        scenario = self.scenario()
+        (suite / "one.yaml").write_text(scenario.read_text().replace("period: 5 ms", "period: 5 ms, deadline: 500 ms"))
+        self.ontime("run", suite, "--only", "one", "--results", self.results)
+        for mode, is_named in ((0o755, True), (0o777, False), (0o1777, False)):
+            suite.chmod(mode)
+            self.assertEqual(f"ontime run {suite} --only one" in self.ontime("report", self.results).stdout, is_named, oct(mode))
+
     # --- gates ---
 
     def test_what_a_scenario_requires_is_judged_and_recorded(self):
@@ -75,11 +85,17 @@ class Results(results.Results):
         self.ontime("report", self.results, "--junit", "again.xml", code=1)
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "again.xml").getroot().get("failures"), "1")
 
-    def test_what_was_interrupted_and_measured_again_is_judged_by_that(self):
-        process = self.started("6 s")
+    def test_a_run_under_way_is_running(self):
+        process = self.started("1 h")
         answer = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["answer"]
         self.assertEqual([row["state"] for row in answer["rows"]], ["running"])
         self.assertIn("ontime watch", answer["next"][0]["command"])
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=180)
+        self.assertEqual(process.returncode, 130, error)
+
+    def test_what_was_interrupted_and_measured_again_is_judged_by_that(self):
+        process = self.started("6 s")
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
