@@ -368,19 +368,18 @@ void ListenResults::forget_known() {
   for (const auto& [key, kept] : kept_) {
     const auto own = std::ranges::find(runs, kept.run, &record::Run::number);
     if (own == runs.end()) continue;
-    const auto is_same = [&, &last = *kept.last ](const record::Run& other) try {
+    const auto is_same = [&, last = *kept.last](const record::Run& other) {
       if (other.key != own->key || other.outcome.document != own->outcome.document) return false;
       std::size_t same = 0, all = 0;
-      reader.each_sample(other.number, last.index, [&](const roundtrip::Sample& sample) {
-        ++all;
-        same += sample.index == last.index && sample.sent_ns == last.sent_ns &&
-                        sample.received_ns == last.received_ns
-                    ? 1
-                    : 0;
-      });
+      try {
+        reader.each_sample(other.number, last.index, [&](const roundtrip::Sample& sample) {
+          ++all;
+          if (sample.sent_ns == last.sent_ns && sample.received_ns == last.received_ns) ++same;
+        });
+      } catch (const record::Error&) {  // it is damaged
+        return false;
+      }
       return same == 1 && all == 1;
-    } catch (const record::Error&) {  // it is damaged
-      return false;
     };
     if (std::none_of(runs.begin(), own, is_same)) continue;
     writer_.forget_run(kept.run);
