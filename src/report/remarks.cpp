@@ -44,20 +44,29 @@ std::string number_text(double number) {
 }
 std::string milliseconds_text(double ns) { return statistics::time_of(ns, 3); }
 
+// A share of each machine's CPUs, from `least` on. `words` has "{}" for it; `whose`: "controller's ", or ""
+// of one machine for both ends.
+void add_of_cpus(std::vector<Remark>& remarks, const Outcome& outcome,
+                 std::optional<double> record::Activity::*share, double least,
+                 std::string (*words)(const std::string& whose)) {
+  const bool one_machine = record::on_one_machine(outcome);
+  for (const auto* host : record::both_hosts) {
+    const auto seen = (find(outcome.conditions, host).*share).value_or(0);
+    if (seen < least) continue;
+    remarks.push_back(
+        {Weight::caution, words(one_machine ? "" : fmt::format("{}'s ", host)), seen, percent_text});
+    if (one_machine) break;
+  }
+}
+
 // Delays outside the network and the server: stolen CPU time, and the sender's own wake-up latency.
 constexpr double much_stolen = 0.001;
 void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& summary) {
-  const auto& outcome = summary.run.outcome;
-  const bool one_machine = record::on_one_machine(outcome);
-  for (const auto* host : record::both_hosts) {
-    const auto stolen = find(outcome.conditions, host).cpu_stolen.value_or(0);
-    if (stolen < much_stolen) continue;
-    remarks.push_back({Weight::caution,
-                       fmt::format("the hypervisor took {{}} of {}CPU time (steal)",
-                                   one_machine ? "" : fmt::format("the {}'s ", host)),
-                       stolen, percent_text});
-    if (one_machine) break;
-  }
+  add_of_cpus(remarks, summary.run.outcome, &record::Activity::cpu_stolen, much_stolen,
+              [](const std::string& whose) {
+                return fmt::format("the hypervisor took {{}} of {}CPU time (steal)",
+                                   whose.empty() ? "" : "the " + whose);
+              });
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
   const auto& [took_ns, before, message, after] = summary.shape.worst.front();
   // A cycle that was skipped, or lost its message, may have waited longer for its answer.
@@ -84,16 +93,10 @@ void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& sum
       asked.task.client.schedule == roundtrip::Schedule::back_to_back || polls(asked.task.config.options) ||
       polls(asked.component_options))
     return;
-  const bool one_machine = record::on_one_machine(summary.run.outcome);
-  for (const auto* host : record::both_hosts) {
-    const auto busy = find(summary.run.outcome.conditions, host).cpu_busy.value_or(0);
-    if (busy < all_busy) continue;
-    remarks.push_back({Weight::caution,
-                       fmt::format("the {}CPUs were {{}} busy, though this run requested no load",
-                                   one_machine ? "" : fmt::format("{}'s ", host)),
-                       busy, percent_text});
-    if (one_machine) break;
-  }
+  add_of_cpus(remarks, summary.run.outcome, &record::Activity::cpu_busy, all_busy,
+              [](const std::string& whose) {
+                return fmt::format("the {}CPUs were {{}} busy, though this run requested no load", whose);
+              });
 }
 
 // Clock events during the run.
