@@ -278,5 +278,21 @@ TEST(Answer, RunThatIsBeingMeasuredIsToBeWatched) {
   EXPECT_EQ(answer_of({left, now}, kept).rows.back().state, Answer::State::cut_off);
 }
 
+TEST(Answer, RowOfRepetitionsIsAboutThoseThatHaveEnded) {
+  const auto first = run(1, "a", "udp", {}, 5, 1);
+  auto second = run(2, "a", "udp", {}, 5, 2), now = run(3, "a", "udp", {}, 0, 3);
+  amend(second.run.outcome, "/hosts/controller/load_running", false);
+  now.run.outcome = summary(asked("a", "udp", 3), nullptr).run.outcome;
+  auto origin = kept;
+  origin.running_from = now.run.number;
+  const auto of_one = answer_of({first, now}, origin);
+  EXPECT_EQ(of_one.rows.front().state, Answer::State::late);
+  EXPECT_THAT(of_one.sentence, AllOf(HasSubstr("of the cycles"), HasSubstr(" is being measured.")));
+  const auto of_two = answer_of({first, second, now}, origin);
+  ASSERT_EQ(of_two.rows.size(), 1);
+  EXPECT_EQ(of_two.rows.front().state, Answer::State::not_applied);
+  EXPECT_EQ(of_two.rows.front().runs.size(), 2);
+}
+
 }  // namespace
 }  // namespace ontime::report

@@ -237,11 +237,10 @@ std::string unfit_words(const std::vector<Entry>& entries, const Origin& origin)
                      unfit == 1 ? "was" : "were");
 }
 
-std::string running_words(const std::vector<Entry>& entries, const Origin& origin) {
+std::string running_words(const Summaries& summaries, const Origin& origin) {
   std::vector<std::int64_t> running;
-  for (const auto& entry : entries)
-    for (const auto* run : entry.runs)
-      if (state_of(*run, origin.running_from) == State::running) running.push_back(run->run.number);
+  for (const auto& run : summaries)
+    if (state_of(run, origin.running_from) == State::running) running.push_back(run.run.number);
   if (running.size() == 1) return fmt::format(" Run {} is being measured.", running.front());
   return running.empty() ? "" : fmt::format(" {} runs are being measured.", running.size());
 }
@@ -456,7 +455,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
       }
     }
   }
-  answer.sentence += running_words(entries, origin);
+  answer.sentence += running_words(summaries, origin);
   answer.sentence += searches_sentence_of(summaries);
   answer.sentence += requirements(entries);
   answer.next = next_steps(found, origin);

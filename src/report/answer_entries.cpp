@@ -129,8 +129,13 @@ std::vector<Entry> entries_of(const Summaries& summaries, std::optional<std::int
     };
     std::stable_sort(group.begin(), group.end(),
                      [&](const auto* a, const auto* b) { return place_of(a) < place_of(b); });
-    for (const auto& [label, runs] : alike(group))
-      entries.push_back({runs, row_of(runs, label, running_from)});
+    for (const auto& [label, runs] : alike(group)) {
+      // A row is about the repetitions that have ended, if there are any.
+      auto ended = runs;
+      std::erase_if(ended, [&](const auto* run) { return state_of(*run, running_from) == State::running; });
+      const auto& of = ended.empty() ? runs : ended;
+      entries.push_back({of, row_of(of, label, running_from)});
+    }
   }
   return entries;
 }

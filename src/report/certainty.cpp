@@ -97,8 +97,6 @@ ordered_json json_of(const Probability& of) {
           {"effect", of.effect}};
 }
 
-std::string p_value(double p) { return fmt::format("{:.2g}", p); }
-
 ordered_json json_of(const std::optional<Bound>& of, const std::string& refused) {
   if (!of) return nullptr;
   const bool peaks = of->tail.family == statistics::Tail::Family::peaks;
@@ -230,11 +228,11 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
       return bound ? microseconds(bound->level) + " " + interval(bound->level_lies) : nothing;
     };
     const auto fit = [](const std::optional<Bound>& bound) {
-      return bound ? p_value(bound->fit_p) : nothing;
+      return bound ? statistics::p_text(bound->fit_p) : nothing;
     };
     table.rows.push_back({labels[i], microseconds(runs[i]->round_trip.max),
                           fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
-                          level(of.peaks), fit(of.peaks), of.maxima ? p_value(of.trend_p) : nothing});
+                          level(of.peaks), fit(of.peaks), of.maxima ? statistics::p_text(of.trend_p) : nothing});
     if (of.exceedance > one_in_a_million)
       table.notes.push_back(fmt::format("{}: a level for 10⁻⁶ exceedance needs {} answers", labels[i],
                                         millions(of.answers_for_a_million)));

@@ -74,13 +74,6 @@ Interval by_order(std::span<const float> values, double exceedance, double effec
   return lies;
 }
 
-// Rounded down: 0.0499 was refused as below 0.05, and must not read as 0.05.
-std::string p_text(double p) {
-  if (p < 1e-9) return fmt::format("{:.2g}", p);
-  const double unit = std::pow(10, std::floor(std::log10(p)) - 1);
-  return fmt::format("{:.2g}", std::floor(p / unit * (1 + 1e-9)) * unit);
-}
-
 std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, const Level& level) {
   const auto tail = fit(values);
   if (!tail) return {};
@@ -179,6 +172,12 @@ std::string unsteady(const Extremes& of, std::size_t first, std::size_t second) 
 }
 
 }  // namespace
+
+std::string p_text(double p) {
+  if (p < 1e-9) return fmt::format("{:.2g}", p);
+  const double unit = std::pow(10, std::floor(std::log10(p)) - 1);
+  return fmt::format("{:.2g}", std::floor(p / unit * (1 + 1e-9)) * unit);
+}
 
 double trend_p(std::span<const double> values) {
   const auto n = static_cast<double>(values.size());

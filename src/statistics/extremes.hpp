@@ -69,6 +69,8 @@ struct Extremes {
 inline constexpr std::size_t most_peaks = 500;
 Extremes extremes(std::span<const float> values, float threshold);
 
+// Rounded down: 0.0499 is refused as below 0.05, and must not read as 0.05.
+std::string p_text(double p);
 // p-values.
 double trend_p(std::span<const double>);  // two-sided, ties counted (Mann & Kendall)
 double runs_p(std::span<const double>);   // too few runs: one-sided (Wald & Wolfowitz)
