@@ -217,6 +217,11 @@ TEST_F(Components, OwnSettingOverridesDetailedSettingOfAll) {
   EXPECT_EQ(all[1].task.realtime.threads.at("send").priority, 70);
 }
 
+TEST_F(Components, MistypedNameIsRecognized) {
+  EXPECT_THAT(error("components: [arm, base]\nruns: [{id: a, transport: udp, arn: {period: 2 ms}}]\n"),
+              HasSubstr("unknown key 'arn.period' (did you mean 'arm'?)"));
+}
+
 TEST_F(Components, SearchOfOwnTransportIsRefused) {
   EXPECT_THAT(
       error("components: [arm, base]\n"

@@ -289,6 +289,24 @@ TEST_P(Evidence, AThreadThatFreesMemoryItselfIsNotBusy) {
   EXPECT_GT(part.ns, 13 * ms);
 }
 
+TEST_P(Evidence, AnInterruptWhileAThreadFreesMemoryCountsOnce) {
+  has_the_message();
+  event(sent + 30 * us, 1, Kind::reclaim, answers);
+  event(sent + 3 * ms, 1, Kind::interrupt, answers, 0, "eth1");
+  event(sent + 6 * ms, 1, Kind::interrupt_end, answers);
+  event(sent + 14 * ms, 1, Kind::reclaim_end, answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto of = message(late(0, 15 * ms, 0));
+  std::int64_t sum_ns = 0, interrupts_ns = 0;
+  for (const auto& part : of.parts) {
+    sum_ns += part.ns;
+    if (part.cause == Cause::interrupts) interrupts_ns += part.ns;
+  }
+  EXPECT_LE(std::abs(interrupts_ns - 3 * ms), 5 * us);  // and the one that brought the message
+  EXPECT_EQ(sum_ns, of.delay_ns);
+  EXPECT_LE(of.delay_ns, of.sample.received_ns - of.sample.due_ns);
+}
+
 TEST_P(Evidence, AWaitInTheKernelForSomethingElseHasNoRemedyOfMemory) {
   EXPECT_EQ(advice({.cause = Cause::blocked, .thread = "receive"}), "");
 }

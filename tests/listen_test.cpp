@@ -42,6 +42,18 @@ TEST(Distribution, QuantileOfAPeriodicTopicIsItsPeriod) {
   }
 }
 
+// A topic's period is usually a round time, with half of its values above it.
+TEST(Distribution, CountsUpToRoundTimesAreExact) {
+  Distribution values;
+  for (const auto time : round_times_ns)
+    for (const int off : {-1, 0, 1}) values.add(time + off);
+  std::uint64_t before = 0;
+  for (const auto time : round_times_ns) EXPECT_EQ(values.count_up_to(time), (before += 3) - 1);
+  std::uint64_t up_to = 0;  // as a results file keeps them
+  for (const auto& [ns, count] : values.values()) up_to += ns <= round_times_ns[11] ? count : 0;
+  EXPECT_EQ(up_to, 35U);
+}
+
 TEST(Distribution, CountsOfMonthsAreHeld) {
   Distribution values;
   values.add(1000);

@@ -13,11 +13,15 @@ namespace ontime::app {
 namespace {
 
 struct ExportArguments {
-  std::string results, format = "csv", output;
+  std::string results, format, output;
   std::vector<std::string> only;
 };
 
-report::SampleFormat sample_format_flag(const std::string& word) {
+// Without the flag, as the ending of the file says.
+report::SampleFormat sample_format_flag(const std::string& word, const std::string& file) {
+  if (word.empty())
+    return file.ends_with(".jsonl") || file.ends_with(".json") ? report::SampleFormat::jsonl
+                                                               : report::SampleFormat::csv;
   if (word == "parquet" || word == "arrow")
     throw campaign::Error(2,
                           fmt::format("--format: ontime does not write {}, because Debian 12 has no library "
@@ -29,7 +33,7 @@ report::SampleFormat sample_format_flag(const std::string& word) {
 }
 
 int export_results(const ExportArguments& arguments) {
-  const auto format = sample_format_flag(arguments.format);
+  const auto format = sample_format_flag(arguments.format, arguments.output);
   const record::Reader reader(arguments.results);
   const auto runs = chosen_runs(reader, arguments.results, arguments.only);
   Output output(arguments.output, format == report::SampleFormat::csv ? Kind::csv : Kind::json);
@@ -44,7 +48,10 @@ void add_export(Command& app) {
   auto* command = app.add_subcommand("export", "Exports every sample of a results file as CSV or JSON Lines");
   auto arguments = std::make_shared<ExportArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "csv or jsonl (default: csv)")->type_name("FORMAT");
+  command
+      ->add_option("--format", arguments->format,
+                   "csv or jsonl (default: as the file's ending says, else csv)")
+      ->type_name("FORMAT");
   add_only(*command, arguments->only, ",--run");
   add_output(*command, arguments->output);
   command->calls([arguments] { return export_results(*arguments); });

@@ -76,9 +76,10 @@ const Trial* last_of(const search::Outcome& outcome) {
 std::string contribution_text(const search::Problem& problem, const search::Contribution& one) {
   std::vector<std::string> parts;
   for (std::size_t limit = 0; limit < problem.goal.size() && limit < one.less.size(); ++limit)
-    parts.push_back(fmt::format("more {} break {} ([{}, {}] % of all)", unit_of(problem.goal[limit]),
-                                problem.goal[limit].text, percent(one.less[limit].low),
-                                percent(one.less[limit].high)));
+    parts.push_back(fmt::format("{} {} break {} ([{}, {}] % of all)",
+                                one.less[limit].low > 0 ? "more" : "not proven that more",
+                                unit_of(problem.goal[limit]), problem.goal[limit].text,
+                                percent(one.less[limit].low), percent(one.less[limit].high)));
   return fmt::format("without it, {}{}", fmt::join(parts, ", "),
                      one.is_needed ? "" : "; not proven to be needed");
 }

@@ -215,8 +215,7 @@ void Machines::open(Machine& machine, const Transports& transports) {
     machine.program = opened.at("program");
   tell(opened.at("notes"));
   if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
-    throw Error(3, fmt::format("the {}'s machine: {}. Or choose another transport", machine.hosts.front(),
-                               fmt::join(lacks, "; ")));
+    throw Error(3, fmt::format("the {}'s machine: {}", machine.hosts.front(), fmt::join(lacks, "; ")));
 }
 
 // Two entries that are reached differently are one machine if they have the same boot id.

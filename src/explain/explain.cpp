@@ -101,8 +101,10 @@ class Explainer {
         usual_(reader, run.number, one_machine_) {}
 
   bool is_late_by_response(const Sample& sample) const {
-    return sample.fate == Fate::on_time && deadline_ns_ > 0 &&
-           sample.received_ns - awaited_since_ns(sample) > deadline_ns_;
+    return sample.fate == Fate::on_time && is_late_from(sample, awaited_since_ns(sample));
+  }
+  bool is_late_from(const Sample& sample, std::int64_t since_ns) const {
+    return deadline_ns_ > 0 && sample.received_ns - since_ns > deadline_ns_;
   }
 
   bool one_machine() const { return one_machine_; }
@@ -264,7 +266,8 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
   reader.each_sample(run.number, [&](const Sample& sample) {
     account.late += sample.fate == Fate::late ? 1 : 0;
     account.lost += sample.fate == Fate::lost ? 1 : 0;
-    account.late_by_response += explainer.is_late_by_response(sample) ? 1 : 0;
+    if (explainer.is_late_by_response(sample))
+      ++(explainer.is_late_from(sample, sample.due_ns) ? account.late_by_response : account.after_skipped);
     const bool is_lost = sample.fate == Fate::lost;
     // One window of pong's trace may cover all messages that were lost in an outage.
     const bool is_one_too_many = is_lost && lost_looked_at >= most_lost && !traces.contains(sample.index);

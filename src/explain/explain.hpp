@@ -64,10 +64,11 @@ bool same_cause(const Part&, const Part&);
 struct Account {
   bool traced = false;                 // it was measured with `explain: on`
   std::uint64_t late = 0, lost = 0;    // of the run
-  std::uint64_t late_by_response = 0;  // messages that are neither, see Message
-  std::vector<Message> messages;       // those examined, the worst first: lost, late, and the slowest others
-  std::vector<Group> groups;           // of the faults, most messages first
-  std::vector<std::string> limits;     // for people: what could not be examined, and why
+  std::uint64_t late_by_response = 0;  // messages that are neither, but late from when they were due
+  std::uint64_t after_skipped = 0;  // none of these, but late from when a skipped cycle before them was due
+  std::vector<Message> messages;    // those examined, the worst first: lost, late, and the slowest others
+  std::vector<Group> groups;        // of the faults, most messages first
+  std::vector<std::string> limits;  // for people: what could not be examined, and why
 };
 
 std::int64_t deadline_ns_of(const record::Run&);  // 0: none

@@ -48,9 +48,12 @@ void add_not_looked_at(Lines& limits, const Account& account) {
     in_part += message.whole ? 0 : 1;
     without_times += message.sample.fate == Fate::lost || has_server_times(message.sample) ? 0 : 1;
   }
-  const auto all_late = account.late + account.late_by_response;
+  const auto all_late = account.late + account.late_by_response + account.after_skipped;
   Lines examined;
-  if (late < all_late) examined.push_back(fmt::format("the worst {} of {} late messages", late, all_late));
+  if (late < all_late)
+    examined.push_back(
+        fmt::format("the worst {} of {} messages that {}", late, all_late,
+                    account.after_skipped > 0 ? "were late or came after skipped cycles" : "were late"));
   if (lost < account.lost)
     examined.push_back(fmt::format("the first {} of {} lost messages", lost, account.lost));
   if (!examined.empty()) limits.push_back(fmt::format("examined: {}", fmt::join(examined, " and ")));

@@ -268,13 +268,18 @@ class Follower {
 
   void ran(const Stretch& stretch) {
     auto& spent = explain::add(delay_.ran, whose_, stretch);
-    for (const auto& interrupt : timeline_.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
+    const auto interrupts = timeline_.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns);
+    for (const auto& interrupt : interrupts) {
       add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, State::runs, stretch.cpu}, interrupt.what);
       spent.ns -= interrupt.to_ns - interrupt.from_ns;
     }
     for (const auto& one : timeline_.reclaims(whose_.thread_id, stretch.from_ns, stretch.to_ns)) {
-      add(Cause::page_fault, {one.from_ns, one.to_ns, State::runs, stretch.cpu});
-      spent.ns -= one.to_ns - one.from_ns;
+      auto ns = one.to_ns - one.from_ns;  // an interrupt meanwhile is counted above
+      for (const auto& interrupt : interrupts)
+        ns -= std::max<std::int64_t>(
+            0, std::min(interrupt.to_ns, one.to_ns) - std::max(interrupt.from_ns, one.from_ns));
+      delay_.add(part_of(Cause::page_fault), ns, {{one.from_ns, one.to_ns, State::runs, stretch.cpu}});
+      spent.ns -= ns;
     }
   }
 

@@ -9,12 +9,16 @@
 namespace ontime::listen {
 namespace {
 
-// 64 buckets for each power of two, one for each value below 128.
+// 64 buckets for each power of two, one for each value below 128. A round time begins another one: its
+// topic's periods are on both sides of it.
 constexpr unsigned fine_bits = 6;
 
-std::size_t bucket_of(std::uint64_t value) {
+std::size_t bucket_of(std::int64_t ns) {
+  const auto value = static_cast<std::uint64_t>(ns);
   const auto magnitude = static_cast<unsigned>(std::bit_width(value >> (fine_bits + 1U)));
-  return (std::size_t{magnitude} << fine_bits) + static_cast<std::size_t>(value >> magnitude);
+  const auto round_times_below = std::ranges::lower_bound(round_times_ns, ns) - round_times_ns.begin();
+  return (std::size_t{magnitude} << fine_bits) + static_cast<std::size_t>(value >> magnitude) +
+         static_cast<std::size_t>(round_times_below);
 }
 
 // Two nodes may have the same name, and one of them may hang. So another process replaces a flow only if its
@@ -32,7 +36,7 @@ bool takes_its_place(const Flow& other, const Flow& flow) {
 
 void Distribution::add(std::int64_t ns) {
   const auto value = std::max<std::int64_t>(ns, 0);
-  const auto bucket = bucket_of(static_cast<std::uint64_t>(value));
+  const auto bucket = bucket_of(value);
   if (bucket >= buckets_.size()) buckets_.resize(bucket + 1);
   ++buckets_[bucket].count;
   buckets_[bucket].sum += static_cast<double>(value);
@@ -55,7 +59,7 @@ void Distribution::add(const Distribution& other) {
 std::uint64_t Distribution::count_up_to(std::int64_t ns) const {
   if (ns < 0) return 0;
   if (ns >= max_) return count_;
-  const auto end = std::min(bucket_of(static_cast<std::uint64_t>(ns)) + 1, buckets_.size());
+  const auto end = std::min(bucket_of(ns) + 1, buckets_.size());
   return std::accumulate(buckets_.begin(), buckets_.begin() + static_cast<std::ptrdiff_t>(end),
                          std::uint64_t{0},
                          [](std::uint64_t sum, const Bucket& bucket) { return sum + bucket.count; });

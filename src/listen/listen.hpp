@@ -4,6 +4,7 @@
 // and a reader of ontime's own. Ordinary thread only.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -48,18 +49,27 @@ struct Limits {
   bool is_too_old(std::int64_t ns) const;
 };
 
+// 1, 2 and 5 µs … 10 s: usual periods, and the limits of the buckets that watch exports.
+inline constexpr auto round_times_ns = [] {
+  std::array<std::int64_t, 22> times{1'000, 2'000, 5'000};
+  for (std::size_t i = 3; i < times.size(); ++i) times[i] = 10 * times[i - 3];
+  return times;
+}();
+static_assert(round_times_ns.back() == 10'000'000'000);
+
 // A histogram in bounded memory: quantiles are within 1.6 %, count and maximum are exact.
 class Distribution {
  public:
   void add(std::int64_t ns);  // below zero counts as zero
   void add(const Distribution&);
   std::uint64_t count() const { return count_; }
-  std::uint64_t count_up_to(std::int64_t ns) const;  // within 1.6 % of this value
+  std::uint64_t count_up_to(std::int64_t ns) const;  // exact for round times, else within 1.6 % of this value
   double sum_ns() const { return sum_; }
   std::int64_t max_ns() const { return max_; }
   // 0 … 1; within 1.6 %, and exact where the values near it are equal; without values 0
   std::int64_t quantile_ns(double portion) const;
-  // Value and count, ascending. Values are within 1.6 %; the last is the exact maximum.
+  // Value and count, ascending. Values are within 1.6 %, and on the same side of each round time as those
+  // that they stand for; the last is the exact maximum.
   std::vector<std::pair<std::int64_t, std::uint64_t>> values() const;
 
  private:

@@ -186,7 +186,9 @@ bool can_be_named(const std::string& id) {
 
 std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin) {
   std::vector<Answer::Step> steps;
-  const auto add = [&](const char* why, const std::vector<std::string>& words, bool as_root = false) {
+  const auto add = [&](std::string why, const std::vector<std::string>& words, bool as_root = false) {
+    for (const auto* left_out : {"SCENARIO", "HOST", "NAME=VALUE"})  // of a stranger's file, see again()
+      if (std::ranges::find(words, left_out) != words.end()) why += fmt::format(" (fill in {})", left_out);
     if (const auto line = table::line_to_paste(words); line && !words.empty())
       steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
   };
@@ -234,8 +236,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     auto words = again(*found.longer, is_alone ? Options(without_either) : Options(without_duration));
     if (is_alone && is_of_scenario(words)) words = with(words, {"--only", id});
     const bool listens = is_of_listen(words);
-    add(found.longer_tells.c_str(),
-        with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}), listens);
+    add(found.longer_tells, with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}),
+        listens);
   }
   const auto words = again(*found.any, of_all);
   if (!file.empty())

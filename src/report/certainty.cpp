@@ -232,7 +232,8 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
     };
     table.rows.push_back({labels[i], microseconds(runs[i]->round_trip.max),
                           fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
-                          level(of.peaks), fit(of.peaks), of.maxima ? statistics::p_text(of.trend_p) : nothing});
+                          level(of.peaks), fit(of.peaks),
+                          of.maxima ? statistics::p_text(of.trend_p) : nothing});
     if (of.exceedance > one_in_a_million)
       table.notes.push_back(fmt::format("{}: a level for 10⁻⁶ exceedance needs {} answers", labels[i],
                                         millions(of.answers_for_a_million)));

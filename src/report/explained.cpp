@@ -360,6 +360,7 @@ ordered_json json_of(const Explained& one) {
           {"lost", one.account.lost},
           {"late_by_response_only", one.account.late_by_response},
           {"late_by_response", one.account.late_by_response},  // its old name, for one version
+          {"after_skipped_cycles", one.account.after_skipped},
           {"skipped_cycles", one.run.outcome.counters.skipped_cycles},
           {"causes", array_of(one.account.groups, to_json)},
           {"messages", array_of(one.account.messages, to_json)},
@@ -391,10 +392,12 @@ std::string span_of(std::int64_t ns) {
 }
 
 std::string faults_of(const Account& account) {
-  if (account.late + account.lost + account.late_by_response == 0) return "";
+  if (account.late + account.lost + account.late_by_response + account.after_skipped == 0) return "";
   auto text = fmt::format("{} late, {} lost", grouped(account.late), grouped(account.lost));
   if (account.late_by_response > 0)
     text += fmt::format(", {} more late by response time", grouped(account.late_by_response));
+  if (account.after_skipped > 0)
+    text += fmt::format(", {} more after skipped cycles", grouped(account.after_skipped));
   return text;
 }
 

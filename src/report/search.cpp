@@ -135,10 +135,12 @@ std::vector<Found> found(const Group& group) {
   return all;
 }
 
-// Upper limit of the miss probability, with 95 % confidence, after this many messages without a miss.
-std::optional<double> bound_of(const Step* passed) {
-  if (passed == nullptr || passed->messages == 0) return {};
-  return -std::expm1(std::log(0.05) * passed->effect / static_cast<double>(passed->messages));
+// Upper limit of the miss probability, with 95 % confidence, after this many messages without a miss. Each
+// tried value may have had none by chance (Bonferroni).
+std::optional<double> bound_of(const Found& of) {
+  if (of.passed == nullptr || of.passed->messages == 0) return {};
+  return -std::expm1(std::log(0.05 / static_cast<double>(of.steps.size())) * of.passed->effect /
+                     static_cast<double>(of.passed->messages));
 }
 
 std::string why(const Step& step) {
@@ -183,7 +185,7 @@ Table searches_table(const Group& group) {
   std::vector<std::string> keys;
   for (const auto& one : found(group)) {
     add_once(keys, one.key());
-    const auto bound = bound_of(one.passed);
+    const auto bound = bound_of(one);
     table.rows.push_back(
         {one.whose(), one.passed == nullptr ? "none" : one.passed->value,
          one.passed == nullptr ? nothing : grouped(one.passed->messages),
@@ -201,7 +203,8 @@ Table searches_table(const Group& group) {
                    {"Ended\nat", right}, {"Because", left}};
   table.notes.emplace_back(
       "Miss: a message that is lost, or late by round trip or response time, or a cycle without a message; "
-      "several in a row are one here. Miss probability: upper limit, 95 % confidence.");
+      "several in a row are one here. Miss probability: upper limit, 95 % confidence; it counts that several "
+      "values were tried.");
   return table;
 }
 
@@ -225,7 +228,7 @@ ordered_json searches_json_of(const Summaries& summaries) {
   return array_of(found(all_of(summaries)), [](const Found& one) -> ordered_json {
     return {{"id", id_of(*one.asked)},       {"transport", one.transport()},
             {"among", one.among()},          {"key", one.key()},
-            {"passed", json_of(one.passed)}, {"missed_below", or_null(bound_of(one.passed))},
+            {"passed", json_of(one.passed)}, {"missed_below", or_null(bound_of(one))},
             {"ended", json_of(one.ended)},   {"finished", one.finished}};
   });
 }

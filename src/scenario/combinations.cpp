@@ -233,8 +233,27 @@ class Combinations {
                        path));
     if (key->said.key == "transport")
       fail(node, "search: transports have no order from lightest to heaviest");
+    check_order(*key);
     std::rotate(key, key + 1, dimensions_.end());
     return true;
+  }
+
+  // A search skips values: without an order its result says nothing of these.
+  void check_order(const Dimension& key) const {
+    if (key.key == nullptr || !key.key->stated) return;
+    std::vector<double> numbers;
+    for (const auto& choice : key.choices) try {
+        const auto value = key.key->stated(choice.value);
+        if (!value.is_number()) return;  // of words only the user knows the order
+        numbers.push_back(value.get<double>());
+      } catch (const std::exception&) {  // refused later, with its place
+        return;
+      }
+    if (!std::ranges::is_sorted(numbers) && !std::ranges::is_sorted(numbers, std::ranges::greater()))
+      fail(
+          key.choices.front().node,
+          fmt::format("search: the values of '{}' neither rise nor fall; list them from lightest to heaviest",
+                      key.path));
   }
 
   // A run for all components; `own` has one for each if any has keys of its own.

@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "scenario/document.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -100,12 +101,21 @@ Entries RunKeys::flat(const YAML::Node& run) const {
   return entries;
 }
 
+std::string RunKeys::meant_of(const std::string& path, const std::string& key) const {
+  std::vector<std::string> names;
+  if (named_)
+    for (const auto& component : hosts_.components) names.push_back(component.name);
+  const auto name = path.substr(0, path.find('.'));
+  const auto meant = key == path && name != path ? spelling::suggestion(name, names) : "";
+  return meant.empty() ? scenario::meant_of(key) : meant;
+}
+
 // No key below it would show that it is mistyped.
 void RunKeys::check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const {
   const auto key = divided(path).key;
   if (key.empty() || key == "options" || key == "component.options" || !key_below(key).empty()) return;
   if (is_of_a_run(key)) fail_at(file_, map.Mark(), path + ": a value is needed here");
-  fail_at(file_, name.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(key)));
+  fail_at(file_, name.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(path, key)));
 }
 
 void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
@@ -132,7 +142,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
       if (const auto below = key_below(key); !below.empty())
         fail_at(file_, entry.second.Mark(),
                 fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
-      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(key)));
+      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(path, key)));
     }
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(),

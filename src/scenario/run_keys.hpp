@@ -43,6 +43,8 @@ class RunKeys {
   Entries flat(const YAML::Node& run) const;
 
  private:
+  // A component's name may be mistyped as well.
+  std::string meant_of(const std::string& path, const std::string& key) const;
   void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
   void check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const;
 

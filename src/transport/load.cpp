@@ -42,7 +42,9 @@ std::vector<fs::path> search_path() {
   auto folders = folders_in(path_variable);
   std::error_code none;
   const auto program = fs::read_symlink("/proc/self/exe", none);
-  if (!program.empty()) folders.push_back(program.parent_path().parent_path() / ONTIME_LIBDIR / "ontime");
+  if (program.empty()) return folders;
+  auto own = program.parent_path().parent_path() / ONTIME_LIBDIR / "ontime";
+  if (std::ranges::find(folders, own) == folders.end()) folders.push_back(std::move(own));
   return folders;
 }
 
@@ -83,6 +85,14 @@ std::optional<fs::path> in_ament_index(const std::string& name) {
 std::string remedy(const std::string& name) {
   const auto* const own = shipped(name);
   return own == nullptr ? "" : own->install;
+}
+
+// Where none is found, the program was copied without them.
+std::string remedy_for_none() {
+  return fmt::format(
+      ". Fix: install ontime (cmake --install build/release), or name the folder of its "
+      "transports in {}",
+      path_variable);
 }
 
 std::string not_followed() {
@@ -178,10 +188,11 @@ std::string find(const std::string& name) {
       looked.back() += fmt::format(" (cannot be read: {})", error.message());
   }
   const auto others = available();
-  throw Error(fmt::format("no transport '{}' here{}{}; available: {}; looked in {}{}", name,
-                          spelling::suggestion(name, others), remedy(name),
-                          others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
-                          fmt::join(looked, ", "), not_followed()));
+  const auto fix = remedy(name);
+  throw Error(fmt::format(
+      "no transport '{}' here{}{}; looked in {}; available: {}{}", name, spelling::suggestion(name, others),
+      fix.empty() && others.empty() ? remedy_for_none() : fix, fmt::join(looked, ", "),
+      others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")), not_followed()));
 }
 
 std::optional<Capabilities> declared(const std::string& name) {

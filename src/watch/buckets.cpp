@@ -7,18 +7,12 @@
 namespace ontime::watch {
 namespace {
 
-constexpr std::array<std::int64_t, Buckets::size> upper = [] {
+constexpr auto upper = [] {
   std::array<std::int64_t, Buckets::size> result{};
-  std::int64_t decade = 1000;
-  for (std::size_t i = 0; i + 1 < result.size(); ++i) {
-    constexpr std::int64_t steps[] = {1, 2, 5};
-    result[i] = decade * steps[i % 3];
-    if (i % 3 == 2) decade *= 10;
-  }
+  std::ranges::copy(listen::round_times_ns, result.begin());
   result.back() = std::numeric_limits<std::int64_t>::max();
   return result;
 }();
-static_assert(upper[Buckets::size - 2] == 10'000'000'000);
 
 }  // namespace
 

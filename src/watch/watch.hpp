@@ -21,7 +21,7 @@ namespace ontime::watch {
 // A histogram with the limits 1, 2, 5, 10 … µs to 10 s, and above.
 class Buckets {
  public:
-  static constexpr std::size_t size = 23;
+  static constexpr std::size_t size = listen::round_times_ns.size() + 1;
   // The last bucket's limit is the greatest number.
   static std::int64_t upper_ns(std::size_t bucket);
   void add(std::int64_t ns, std::uint64_t count = 1);
