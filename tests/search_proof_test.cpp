@@ -126,20 +126,25 @@ Effort by_one_at_a_time(Machine& machine, std::mt19937_64& chance) {
   return {};
 }
 
-// Whether any set at all meets the goal, and the fewest settings of one that does.
+// Whether the set, with at most `more` of the knobs from `first` on, can meet the goal.
+bool can_meet_goal(const Machine& machine, Set& set, std::size_t first, std::size_t more) {
+  if (machine.shares(set).meets_goal()) return true;
+  for (auto i = first; more > 0 && i < twelve_knobs().size(); ++i)
+    for (const auto& value : twelve_knobs()[i].values) {
+      set[twelve_knobs()[i].key] = value;
+      const bool can = can_meet_goal(machine, set, i + 1, more - 1);
+      set.erase(twelve_knobs()[i].key);
+      if (can) return true;
+    }
+  return false;
+}
+
+// Whether any set at all meets the goal, and the fewest settings of one that does: the small sets first.
 std::optional<std::size_t> by_exhaustive_search(const Machine& machine) {
-  std::optional<std::size_t> fewest;
-  const auto& knobs = twelve_knobs();
-  std::vector<std::size_t> at(knobs.size(), 0);
-  while (true) {
-    Set set;
-    for (std::size_t i = 0; i < knobs.size(); ++i)
-      if (at[i] > 0) set[knobs[i].key] = knobs[i].values[at[i] - 1];
-    if (machine.shares(set).meets_goal()) fewest = std::min(fewest.value_or(set.size()), set.size());
-    std::size_t digit = 0;
-    while (digit < at.size() && ++at[digit] > knobs[digit].values.size()) at[digit++] = 0;
-    if (digit == at.size()) return fewest;
-  }
+  Set set;
+  for (std::size_t size = 0; size <= twelve_knobs().size(); ++size)
+    if (can_meet_goal(machine, set, 0, size)) return size;
+  return {};
 }
 
 bool is_minimal(const Machine& machine, const Set& set) {
