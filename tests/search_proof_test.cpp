@@ -343,6 +343,46 @@ TEST(Proof, ALoadThatNoSettingCuresRemainsAsTheCause) {
     }
 }
 
+// The share of messages that break the limit is log-normal from run to run, whatever is set.
+TEST(Proof, ASpreadBetweenRunsProvesNothingThatIsNotSo) {
+  fmt::print(
+      "\n| permitted | break the limit | coefficient of variation | \"holds\" | \"does not hold\" | runs |\n"
+      "|---|---|---|---|---|---|\n");
+  const auto times = is_long() ? 1000 : 300;
+  const auto row = [&](double permitted, double factor, double variation) {
+    int held = 0, failed = 0;
+    std::vector<double> runs;
+    std::mt19937_64 chance(1);
+    const auto sigma = std::sqrt(std::log1p(variation * variation));
+    std::lognormal_distribution<double> degree(-sigma * sigma / 2, sigma);
+    for (int i = 0; i < times; ++i) {
+      const auto outcome = find({{{"", permitted}}, {}}, [&](const Order&) -> std::optional<Answer> {
+        const auto share = std::min(1.0, factor * permitted * degree(chance));
+        const double events = std::binomial_distribution<int>(2000, share)(chance);
+        return Answer{{{events, 2000, 1}}, {}, ""};
+      });
+      held += outcome.end == End::goal_holds ? 1 : 0;
+      failed += outcome.end == End::nothing_left ? 1 : 0;
+      runs.push_back(outcome.runs);
+    }
+    const auto percent = [&](int count) { return 100.0 * count / times; };
+    fmt::print("| {:g} % | {:.4g} % | {:g} | {:.1f} % | {:.1f} % | {:g} |\n", 100 * permitted,
+               100 * permitted * factor, variation, percent(held), percent(failed), median(runs));
+    const double at_most = is_long() ? 6 : 8;  // chance adds to the 5 %, more to fewer searches
+    EXPECT_LE(factor >= 1 && variation <= 1 ? percent(held) : 0, at_most);
+    EXPECT_LE(factor <= 1 && variation <= 1 ? percent(failed) : 0, at_most);
+  };
+  if (!is_long()) {
+    for (const double permitted : {0.01, 0.1}) row(permitted, 1, 1);
+    return;
+  }
+  for (const double permitted : {0.01, 0.1}) {
+    for (const double variation : {0.42, 0.7, 1.0, 2.0})
+      for (const double factor : {0.9, 1.0, 1.1}) row(permitted, factor, variation);
+    for (const double factor : {0.0, 0.1, 0.25, 0.5, 2.0, 4.0, 8.0}) row(permitted, factor, 0.42);
+  }
+}
+
 TEST(Proof, PlacebosAreRarelyKept) {
   int kept = 0, searches = 0;
   for (std::size_t which = 0; which < ten_faults().size(); ++which)

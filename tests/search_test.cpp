@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "search/goal.hpp"
 #include "search/measured.hpp"
 #include "search_machine.hpp"
 
@@ -69,9 +70,9 @@ TEST(Measured, BurstsOfOneSetDoNotHideHowRunsOfOthersDiffer) {
     for (const double events : {10, 150, 5, 155, 10, 150}) measured.add({}, {{{events, 24'000, 30}}, {}, {}});
     const Set set = {{"realtime", "on"}};
     for (int i = 0; i < 5; ++i) measured.add(set, {{{100, 24'000, effect}}, {}, {}});
-    const auto below = measured.proofs(measured.of(set), 0.0125).front().below;
-    EXPECT_GE(below, before * 0.98) << effect;
-    before = below;
+    const auto high = measured.shares(measured.of(set), 0.025).front().range.high;
+    EXPECT_GE(high, before * 0.98) << effect;
+    before = high;
   }
 }
 
@@ -111,11 +112,20 @@ TEST(Evidence, ARangeHoldsWhatWasSeenAndNarrowsWithMessages) {
 }
 
 TEST(Evidence, TheUpperLimitIsWhereItIsProven) {
-  const auto limit = upper_limit({3, 10'000}, 0.05);
+  const Counts runs = {{1, 5'000}, {2, 5'000}};
+  const auto limit = upper_limit(runs, 0.5, 0.05);
   EXPECT_GT(limit, 0.0003);
-  EXPECT_NEAR(against_at_least({3, 10'000}, limit), 20, 0.01);
-  EXPECT_LT(limit, range_of({3, 10'000}, 0.05).high) << "two-sided";
-  EXPECT_EQ(upper_limit({}, 0.05), 1);
+  EXPECT_NEAR(against_at_least(runs, limit, 0.5), 20, 0.01);
+  EXPECT_LT(limit, upper_limit(runs, 0.5, 0.025));
+  EXPECT_EQ(upper_limit({}, 0.5, 0.05), 1);
+}
+
+// One run with few events may be a lucky one, however many messages it has; some that agree are not.
+TEST(Evidence, RunsProveMoreThanTheirMessagesInOne) {
+  EXPECT_LT(against_at_least(Counts{{50, 20'000}}, 0.01, 0.5), 20);
+  EXPECT_GE(against_at_least(Counts(5, {10, 4'000}), 0.01, 0.5), 20);
+  EXPECT_LT(against_at_most(Counts{{400, 20'000}}, 0.01, 0.5), 20);
+  EXPECT_GE(against_at_most(Counts(5, {80, 4'000}), 0.01, 0.5), 20);
 }
 
 TEST(Search, TheProofIsBelowWhatTheGoalPermits) {
@@ -132,8 +142,8 @@ TEST(Search, TheProofIsBelowWhatTheGoalPermits) {
 }
 
 TEST(Search, OnAHealthyMachineNothingIsChanged) {
-  Machine machine({}, 1);
-  const auto outcome = found_by(machine);
+  Machine machine({}, 2);
+  const auto outcome = found_by(machine, 2);
   EXPECT_EQ(outcome.end, End::goal_holds);
   EXPECT_THAT(outcome.set, IsEmpty());
   EXPECT_THAT(outcome.trials, SizeIs(1));
@@ -416,14 +426,28 @@ TEST(Search, TheStartHoldsByAQuarterOfAlphaAlone) {
   const auto alpha = Machine::problem(1).alpha;
   int runs = 0;
   Problem problem{{{"p99 < 1 ms", 0.01}}, {}};
+  const auto most = most_variation(problem.goal.front());
   const auto outcome = find(problem, [&](const Order&) { return ++runs, Answer{{{0, 100, 1}}, {}, ""}; });
   ASSERT_EQ(outcome.end, End::goal_holds);
-  EXPECT_GE(against_at_least({0, 100.0 * runs}, 0.01), 4 / alpha);
-  EXPECT_LT(against_at_least({0, 100.0 * (runs - 1)}, 0.01), 4 / alpha);
+  const auto seen = [](int count) { return Counts(static_cast<std::size_t>(count), {0, 100}); };
+  EXPECT_GE(against_at_least(seen(runs), 0.01, most), 4 / alpha);
+  EXPECT_LT(against_at_least(seen(runs - 1), 0.01, most), 4 / alpha);
   ASSERT_THAT(outcome.proofs, SizeIs(1));
   EXPECT_EQ(outcome.proofs.front().permitted, 0.01);
   EXPECT_LE(outcome.proofs.front().below, 0.01);
-  EXPECT_GE(outcome.proofs.front().below, upper_limit({0, 100.0 * runs}, alpha / 4));
+  EXPECT_GE(outcome.proofs.front().below, upper_limit(seen(runs), most, alpha / 4));
+}
+
+TEST(Search, TheAnnouncedMessagesAreThoseOfAProof) {
+  for (const double share : {0.0, 0.001, 0.01, 0.1})
+    for (const double of_run : {500.0, 5'000.0}) {
+      const Problem problem{{{"", share}}, {}};
+      const auto outcome = find(problem, [&](const Order&) { return Answer{{{0, of_run, 1}}, {}, ""}; });
+      const auto announced = std::ceil(messages_to_prove(problem.goal.front(), of_run) / of_run);
+      EXPECT_EQ(outcome.end, End::goal_holds);
+      EXPECT_GE(announced, outcome.runs);
+      EXPECT_LE(announced, 1 + 1.25 * outcome.runs) << share << ' ' << of_run;
+    }
 }
 
 TEST(Search, WithoutTimeItEndsWithTheBestSetSoFar) {

@@ -5,8 +5,11 @@
 // 1970; Ramdas, Grünwald, Vovk & Shafer 2023, "Game-theoretic statistics and safe anytime-valid inference").
 //
 // Messages of one burst are not independent: counts are divided by their design effect before they come here,
-// which makes the guarantee approximate. scripts/search-proof shows the error rate that remains.
+// which makes the guarantee approximate, as the negative binomial distribution of runs does:
+// scripts/search-proof shows the error rate that remains.
 #pragma once
+
+#include <vector>
 
 namespace ontime::search {
 
@@ -19,6 +22,12 @@ struct Count {
 double against_at_least(const Count&, double share);
 double against_at_most(const Count&, double share);
 
+// The same where the share differs from run to run, so that many messages of one run prove little: the runs
+// are independent and of one set, and the relative variance of their shares is `most_variation` at most.
+using Counts = std::vector<Count>;
+double against_at_least(const Counts& runs, double share, double most_variation);
+double against_at_most(const Counts& runs, double share, double most_variation);
+
 // Evidence against "the first has as great a share as the second, or a greater one". Of all events that
 // either has, it asks how few are the first's (Przyborowski & Wilenski 1940): exact for rare events, cautious
 // for others.
@@ -30,7 +39,7 @@ struct Range {
 };
 Range range_of(const Count&, double alpha);
 
-// One-sided: the least share that against_at_least() excludes with so much evidence; 1: none.
-double upper_limit(const Count&, double alpha);
+// One-sided: the least share that against_at_least() of runs excludes with so much evidence; 1: none.
+double upper_limit(const Counts& runs, double most_variation, double alpha);
 
 }  // namespace ontime::search

@@ -2,9 +2,12 @@
 #include "search/goal.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
+
+#include "search/measured.hpp"
 
 namespace ontime::search {
 namespace {
@@ -67,7 +70,8 @@ std::vector<Part> goal_of(const std::string& text) {
 // From against_at_least() with the alpha of the start.
 double messages_to_prove(const Limit& limit, double of_run) {
   constexpr double enough = 6;
-  return enough / std::max(limit.share, 1 / of_run);
+  const auto expected = limit.share > 0 ? limit.share * of_run : 1;
+  return enough * of_run * most_variation(limit) / std::log1p(expected * most_variation(limit));
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {

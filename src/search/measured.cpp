@@ -35,6 +35,8 @@ double per_run(const Runs& runs, const Runs& others = {}) {
 
 }  // namespace
 
+double most_variation(const Limit& limit) { return limit.share > 0 ? 0.5 : 0.1; }
+
 template <class Holds>
 bool Measured::all_limits(Holds holds) const {
   for (std::size_t limit = 0; limit < limits(); ++limit)
@@ -74,13 +76,15 @@ std::vector<Share> Measured::shares(const Runs& runs, double alpha) const {
 
 bool Measured::holds(const Runs& runs, double alpha) const {
   return !runs.empty() && all_limits([&](std::size_t limit) {
-    return against_at_least(at_permitted(runs, limit), permitted(runs, limit)) >= 1 / alpha;
+    return against_at_least(independent(runs, limit), permitted(runs, limit),
+                            most_variation(problem_.goal[limit])) >= 1 / alpha;
   });
 }
 
 bool Measured::fails(const Runs& runs, double alpha) const {
   return mean([&](std::size_t limit) {
-           return against_at_most(at_permitted(runs, limit), permitted(runs, limit));
+           return against_at_most(independent(runs, limit), permitted(runs, limit),
+                                  most_variation(problem_.goal[limit]));
          }) >= 1 / alpha;
 }
 
@@ -103,8 +107,8 @@ bool Measured::kept_to(const Runs& runs) const {
 std::vector<Proof> Measured::proofs(const Runs& runs, double alpha) const {
   std::vector<Proof> proofs;
   for (std::size_t limit = 0; limit < limits(); ++limit)
-    proofs.push_back(
-        {upper_limit(at_permitted(runs, limit), alpha), permitted(runs, limit), spread(limit, runs).within});
+    proofs.push_back({upper_limit(independent(runs, limit), most_variation(problem_.goal[limit]), alpha),
+                      permitted(runs, limit), spread(limit, runs).within});
   return proofs;
 }
 
@@ -121,8 +125,12 @@ double Measured::permitted(const Runs& runs, std::size_t limit) const {
   return share > 0 ? share : burst / std::max(per_run_, 2 * burst);
 }
 
-Count Measured::at_permitted(const Runs& runs, std::size_t limit) const {
-  return effective(sum(runs, limit), spread(limit, runs), permitted(runs, limit) * per_run_);
+Counts Measured::independent(const Runs& runs, std::size_t limit) const {
+  const auto burst = spread(limit, runs).within;
+  Counts counts;
+  for (const auto* run : runs)
+    counts.push_back({run->tallies[limit].events / burst, run->tallies[limit].messages / burst});
+  return counts;
 }
 
 // Divided by the design effect if `of_a_run` messages of each run break the limit.

@@ -13,6 +13,11 @@ namespace ontime::search {
 
 using Runs = std::vector<const Answer*>;
 
+// The relative variance of the share between runs that "holds" and "fails" allow for. Its proofs take a gamma
+// distribution, and are right for a log-normal one of twice this variance, too: scripts/search-proof. A limit
+// that permits nothing is about one burst per run, where the spread makes less difference.
+double most_variation(const Limit&);
+
 // Runs are of one set each, which was measured: each has a tally for every limit of the goal.
 class Measured {
  public:
@@ -49,7 +54,7 @@ class Measured {
   };
   Spread spread(std::size_t limit, const Runs&) const;
   double permitted(const Runs&, std::size_t limit) const;
-  Count at_permitted(const Runs&, std::size_t limit) const;
+  Counts independent(const Runs&, std::size_t limit) const;
   static Count effective(const Count&, const Spread&, double of_a_run);
 
   const Problem& problem_;
