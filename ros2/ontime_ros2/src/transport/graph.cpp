@@ -30,10 +30,8 @@ Graph::Graph(const rclcpp::Context::SharedPtr& context, rclcpp::Node& node,
     : node_(node), publisher_(publisher), subscription_(subscription), ending_(context) {
   require(rcl_wait_set_init(&wait_set_, 0, 2, 0, 0, 0, 0, context->get_rcl_context().get(),
                             rcl_get_default_allocator()));
-  thread_ = std::thread([this] {
-    pthread_setname_np(pthread_self(), thread_name);
-    run();
-  });
+  thread_ = std::thread([this] { run(); });
+  pthread_setname_np(thread_.native_handle(), thread_name);  // here, because threads() finds it by its name
 }
 
 Graph::~Graph() {
