@@ -120,7 +120,7 @@ TEST_F(ScenarioFile, RunsHaveABound) {
   std::string wide =
       "hosts: {controller: {interface: lo}, component: {interface: lo, address: 127.0.0.1}}\n"
       "defaults:\n  transport: of-their-own\n  options: {o: 1";
-  for (int i = 0; i < 10'000; ++i) wide += fmt::format(", o{}: 1", i);
+  for (int i = 0; i < 1000; ++i) wide += fmt::format(", o{}: {}", i, std::string(400, '1'));
   wide += "}\nruns:\n";
   for (int i = 0; i < 1000; ++i) wide += fmt::format("  - {{id: r{}}}\n", i);
   EXPECT_THAT(error(wide), HasSubstr("32 MiB"));
