@@ -407,6 +407,24 @@ TEST_F(Recorder, FlowThatIsGoneEndsItsRunAndLeavesItsName) {
   }
 }
 
+// Counts are written each minute, late messages each second.
+TEST_F(Recorder, LateMessagesThatAreNewerThanTheCountsAreCounted) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  results.write({flow(1)});
+  for (int late = 0; late < 3; ++late) {
+    period(results, 1, 70 * ms);
+    results.note(miss(1, 70 * ms));
+    for (int i = 0; i < 5; ++i) period(results, 1, 50 * ms);
+  }
+  results.write({flow(1)});
+  const auto reader = writer.reader();
+  const auto run = reader.runs().at(0);
+  EXPECT_EQ(run.outcome.counters.late, 0u);
+  EXPECT_EQ(late_of(reader, run), 3u);
+}
+
 TEST_F(Recorder, KilledOneLeavesWhatItCounted) {
   record::kill_9([&](const auto& is_far_enough) {
     record::Writer writer(path_);

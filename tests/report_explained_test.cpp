@@ -206,10 +206,23 @@ TEST(OwnMessages, LateMessagesWithoutASeenCauseAreCounted) {
             nlohmann::json({{"not_seen", 1}, {"no_space", 1}, {"not_examined", 1}, {"unknown", 0}}));
   one.notes.clear();
   EXPECT_EQ(counts().at("no_space"), 6);
-  EXPECT_THAT(render_explained({one}, Format::table), Not(HasSubstr("only as root")));
+  EXPECT_THAT(render_explained({one}, Format::table),
+              AllOf(Not(HasSubstr("only as root")), HasSubstr(": 8 late messages; cause not seen: 1")));
   one.notes.assign(5, {record::cause_of_late, "6 ms old", {}, {}});
   one.account.late = 5;
   EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("5 of 5 late messages\n"));
+}
+
+TEST(OwnMessages, MessagesThatAreNewerThanTheCountsHaveACauseOrNone) {
+  Explained one;
+  one.run.asked = nlohmann::json{{"id", "/scan age"}, {"measures", "age"}, {"kept", "worst"}};
+  one.run.outcome = nlohmann::json{{"sent", 90}, {"late", 0}, {"lost", 0}};
+  one.account.late = 2;
+  EXPECT_THAT(render_explained({one}, Format::table),
+              AllOf(Not(HasSubstr("only as root")), HasSubstr(": 2 late messages; cause not seen or not")));
+  one.notes.assign(1, {record::cause_of_late, "6 ms old", {}, {}});
+  EXPECT_THAT(render_explained({one}, Format::table), HasSubstr("causes of 1 of 2 late messages"))
+      << "the worst of all may be the other one";
 }
 
 record::Note late_by(const record::LateCause& cause, std::optional<std::uint64_t> message = {}) {

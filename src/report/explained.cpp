@@ -107,7 +107,8 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
     if (record::tells_of_late(note)) told.push_back(&note);
   if (one.account.late == 0)
     return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
-  if (told.empty() && !one.run.outcome.causes) {
+  const auto are_counts_old = one.account.late > one.run.outcome.counters.late;  // of a file that is written
+  if (told.empty() && !one.run.outcome.causes && !(one.run.asked.keeps_worst() && are_counts_old)) {
     const auto& words = one.run.asked.command_line;
     const bool is_recording = words.size() > 1 && words[1] == "import";
     return fmt::format("{0}{1}: causes unknown: {2}{0}\n", marks.heading, name_of(one),
@@ -115,16 +116,16 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` finds causes only as root, without --no-explain, while no "
                                       "other ontime traces");
   }
-  auto text = fmt::format("{}{}: causes of {}{} of {} late messages", marks.heading, name_of(one),
-                          one.run.asked.keeps_worst() ? "the worst " : "",
-                          std::ranges::count_if(told, [](const auto* note) { return is_cause(*note); }),
-                          grouped(one.account.late));
+  const auto causes_told = std::ranges::count_if(told, [](const auto* note) { return is_cause(*note); });
+  auto text = fmt::format("{}{}: {}{}", marks.heading, name_of(one),
+                          causes_told > 0 ? fmt::format("causes of {} of ", causes_told) : "",
+                          many(one.account.late, "late message", "late messages"));
   const auto without = without_cause(one);
   for (const auto& [words, count] : {std::pair("cause not seen", without.not_seen),
                                      {"no space in the file for the cause", without.no_space},
                                      {"not examined", without.not_examined},
                                      {"cause not seen or not recorded", without.unknown}})
-    if (count > 0) text += fmt::format("; {}: {}", words, count);
+    if (count > 0) text += fmt::format("; {}: {}", words, grouped(count));
   text += fmt::format("{}\n", marks.heading);
   if (*marks.heading != '\0') text += "\n";
   const auto causes = same_causes_of(told);
