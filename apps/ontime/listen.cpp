@@ -156,8 +156,8 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    // Without --for, live listening ends by Ctrl-C.
-    const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording() || !has_listened);
+    // Live listening may end by Ctrl-C at any time, also before --for does.
+    const bool is_cut_off = interrupts > 0 && (arguments_.is_recording() || !has_listened);
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     if (output_failed_) std::rethrow_exception(output_failed_);
     write(findings);

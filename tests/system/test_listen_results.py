@@ -65,7 +65,7 @@ class Results(Robot):
         first.wait()
         before = self.traces()
         self.assertTrue(eventually(lambda: all(changed_code(node.pid) == 0 for node in nodes)))
-        second = self.start(ONTIME, "listen", *arguments)
+        second = self.start(ONTIME, "listen", *arguments, "--for", "1h")  # it may be ended before
         # It has the file before it sets probes. Until then no process may read what the killed one left.
         self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes)))
         self.assertTrue(eventually(lambda: len(self.traces()) > len(before)))
