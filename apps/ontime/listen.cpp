@@ -155,6 +155,7 @@ class Listening {
     auto findings = sensor->findings();
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
+    std::ranges::move(breaks_of(findings), std::back_inserter(findings.remarks));
     findings = wanted(std::move(findings));
     // Live listening may end by Ctrl-C at any time, also before --for does.
     const bool is_cut_off = interrupts > 0 && (arguments_.is_recording() || !has_listened);
@@ -327,8 +328,9 @@ class Listening {
 
   const char* what_shows_topics() const {
     if (arguments_.reader) return "check the name and whether its writer runs: ros2 topic list";
-    return arguments_.bag.empty() ? "to list all topics, replace TOPIC by --list"
-                                  : "to list all topics of the bag, omit --topic";
+    if (!arguments_.bag.empty()) return "to list all topics of the bag, omit --topic";
+    return chains_.empty() ? "to list all topics, replace TOPIC by --list"
+                           : "to list all topics: ontime listen --list";
   }
 
   // The requested topic may be among flows without a topic name.
@@ -336,8 +338,9 @@ class Listening {
     if (arguments_.is_in_processes())
       return fmt::format(
           "{} no topic name: ontime finds that of a plain DDS program after some messages, or not at all. "
-          "Listen longer, or list all flows: replace TOPIC by --list",
-          table::many(unnamed, "flow has", "flows have"));
+          "Listen longer, or list all flows: {}",
+          table::many(unnamed, "flow has", "flows have"),
+          chains_.empty() ? "replace TOPIC by --list" : "ontime listen --list");
     return fmt::format(
         "{} no topic name, because their discovery was not captured. Start the capture before the nodes, or "
         "omit TOPIC",

@@ -2,8 +2,11 @@
 #include "listen_chains.hpp"
 
 #include <algorithm>
+#include <map>
 #include <numeric>
+#include <set>
 
+#include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -25,12 +28,19 @@ constexpr std::string_view latest = "latest:";
 }
 
 listen::ChainWish chain_of(const std::string& text) {
+  using boost::algorithm::trim;
   listen::ChainWish chain;
   const auto at = text.find('@');
-  if (at != text.npos) chain.age = duration_flag("--chain", text.substr(at + 1));
+  if (const auto more = text.find(',', at); at != text.npos && more != text.npos)
+    refuse(text, fmt::format("the limit is of the whole chain and stands at its end: {}{}{}",
+                             table::printable(text.substr(0, at)), table::printable(text.substr(more)),
+                             table::printable(text.substr(at, more - at))));
+  if (at != text.npos) chain.age = duration_flag("--chain", boost::algorithm::trim_copy(text.substr(at + 1)));
   for (auto topic : table::split(text.substr(0, at), ',')) {
+    trim(topic);
     const bool is_of_latest = topic.starts_with(latest);
     if (is_of_latest) topic.erase(0, latest.size());
+    trim(topic);
     if (topic.empty()) refuse(text, "a topic name is empty");
     if (is_of_latest && chain.steps.empty()) refuse(text, "the first topic cannot have 'latest:'");
     if (std::ranges::any_of(chain.steps, [&](const auto& step) { return step.topic == topic; }))
@@ -136,6 +146,27 @@ std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) 
 std::size_t came_out(const listen::Chain& chain) {
   return std::accumulate(chain.paths.begin(), chain.paths.end(), static_cast<std::size_t>(chain.forgotten),
                          [](auto sum, const auto& path) { return sum + path.age.count() + path.not_judged; });
+}
+
+std::vector<std::string> breaks_of(const listen::Findings& findings) {
+  constexpr std::size_t most_named = 60;                 // columns
+  std::map<std::uint32_t, std::set<std::string>> takes;  // by process
+  for (const auto& flow : findings.flows)
+    if (!flow.topic.empty()) takes[flow.reader.process].insert(flow.topic);
+  std::set<std::string> breaks;
+  for (const auto& chain : findings.chains)
+    for (std::size_t topic = 1; came_out(chain) == 0 && topic < chain.wish.steps.size(); ++topic)
+      for (const auto& flow : findings.flows) {
+        if (flow.topic != chain.wish.steps[topic].topic || flow.writer.process == 0) continue;
+        const auto found = takes.find(flow.writer.process);
+        if (found == takes.end() || found->second.contains(chain.wish.steps[topic - 1].topic)) continue;
+        const std::vector<std::string> others(found->second.begin(), found->second.end());
+        breaks.insert(fmt::format("--chain: {}, which publishes {}, never takes {}; it takes {}",
+                                  words_of(flow.writer, "(unknown)"), topic_name(chain.wish, topic),
+                                  topic_name(chain.wish, topic - 1),
+                                  table::shortened(table::printable(table::join(others, ", ")), most_named)));
+      }
+  return {breaks.begin(), breaks.end()};
 }
 
 bool misses(const listen::Chain& chain) {

@@ -19,6 +19,9 @@ std::string text_of(const listen::Chain&);  // lines of at most 80 columns
 nlohmann::ordered_json json_of(const listen::Chain&);
 // Each path as a flow from the first publisher to the last reader, for a results file.
 std::vector<listen::Flow> flows_of(const listen::Chain&);
+// Of chains of which no message arrived: nodes that publish a topic, but do not take the one before it. In
+// findings of all topics.
+std::vector<std::string> breaks_of(const listen::Findings&);
 std::size_t came_out(const listen::Chain&);
 bool misses(const listen::Chain&);  // its limit, at least once
 

@@ -165,6 +165,17 @@ class Listen(Robot):
         self.assertLess(errors[len(errors) // 2], 1_000_000)  # another message's would be 3 ms off; a busy machine delays some logs
         print(f"chain: {len(rows)} ages; below the logs by p50 {errors[len(errors) // 2]} ns, max {errors[-1]} ns", file=sys.stderr)
 
+    def test_node_that_never_takes_the_topic_before_is_named(self):
+        publisher = self.start(NODE, "publish", "rt/scan", 2000, 1000, self.folder / "published")
+        relay = self.start(NODE, "relay", "rt/scan", 1, 0, self.folder / "relayed", "rt/map")
+        last = self.start(NODE, "relay", "rt/map", 1, 0, self.folder / "again", "rt/cmd_vel")
+        taker = self.start(NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        listener = self.listen((publisher, relay, last, taker), "--chain", "/scan,/cmd_vel")
+        code, seen = self.end(listener, publisher, taker)
+        self.assertEqual((code, seen["chains"][0]["came_out"]), (2, 0))
+        self.assertRegex(" ".join(seen["remarks"]), rf"listen_node \[{last.pid}\], .* /cmd_vel, never takes /scan; it takes /map")
+        self.assertNotIn(f"[{relay.pid}]", " ".join(seen["remarks"]))
+
     def test_table_has_the_ages_of_a_chain_that_are_recorded(self):
         publisher = self.start(*REALTIME, NODE, "publish", "rt/scan", 4000, 1000, self.folder / "published")
         relay = self.start(*REALTIME, NODE, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")

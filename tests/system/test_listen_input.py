@@ -30,6 +30,13 @@ class Input(unittest.TestCase):
             done = subprocess.run([ONTIME, "listen", "--chain", chain], capture_output=True, text=True, timeout=60)
             self.assertEqual(done.returncode, 2, (chain, done.stderr))
             self.assertIn("--chain", done.stderr)
+        done = subprocess.run([ONTIME, "listen", "--chain", "/scan@5ms,/map, /cmd_vel"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn(": /scan,/map, /cmd_vel@5ms", done.stderr)
+        # Blanks are of no name.
+        done = subprocess.run([ONTIME, "listen", "--chain", "/scan, latest: /map @ 5ms", "--chain", "/scan,/scan "], capture_output=True,
+                              text=True, timeout=60)
+        self.assertIn("/scan occurs twice", done.stderr)
         for arguments in (("--packets", "lo"), ("--pcap", "no.pcap"), ("--list",)):
             done = subprocess.run([ONTIME, "listen", "--chain", "/scan,/map", *arguments], capture_output=True, text=True, timeout=60)
             self.assertEqual(done.returncode, 2, (arguments, done.stderr))
