@@ -385,5 +385,14 @@ TEST(Wrapped, NumberAndUnitStayTogether) {
   EXPECT_EQ(table::wrapped("at 18:03:20  6.8 ms old", 12), "at 18:03:20\n  6.8 ms old\n");
 }
 
+TEST(Wrapped, ValuesStayWholeAndApart) {
+  EXPECT_EQ(table::wrapped("late 0 of 9  lost unknown  out of order 1", 26),
+            "late 0 of 9  lost unknown\n  out of order 1\n");
+  EXPECT_EQ(table::wrapped("late 0 of 9  out of order 1", 13), "late 0 of 9\n  out of\n  order 1\n")
+      << "it is longer than a line";
+  EXPECT_EQ(table::wrapped("  a  b", 80, "    "), "    a  b\n");
+  EXPECT_EQ(table::wrapped("late 0 of 9  ", 12), "late 0 of 9\n");
+}
+
 }  // namespace
 }  // namespace ontime::report

@@ -22,7 +22,8 @@ std::string printable_lines(const std::string& text);  // its lines stay lines
 std::string shortened(const std::string& text, std::size_t most);
 
 std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal
-// Between words. The lines after the first are indented further.
+// Between words, or between values, which are two blanks apart. The lines after the first are indented
+// further.
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent = "");
 // "cost     ontime 0.6 % of one CPU …": the text from this column on. Of fewer columns than these it is below
 // its label.

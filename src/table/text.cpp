@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cwchar>
 #include <string_view>
+#include <utility>
 
 #include <boost/algorithm/string/split.hpp>
 #include <fmt/format.h>
@@ -98,22 +99,33 @@ std::size_t width_of(const std::string& text) {
 }
 
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
-  std::vector<std::string> words;
-  for (auto& word : split(paragraph, ' '))
-    if (!words.empty() && ends_in_digit(words.back()) && is_unit(word))
+  std::vector<std::vector<std::string>> values(1);  // two blanks apart
+  for (auto& word : split(paragraph, ' ')) {
+    auto& words = values.back();
+    if (word.empty() && !words.empty())
+      values.emplace_back();
+    else if (!words.empty() && ends_in_digit(words.back()) && is_unit(word))
       words.back() += ' ' + word;
     else if (!word.empty())
       words.push_back(std::move(word));
+  }
   std::string text, line = indent;
-  for (const auto& word : words) {
-    const bool fresh = line.ends_with(' ') || line.empty();
-    if (!fresh && width_of(line) + 1 + width_of(word) > width) {
-      text += line + "\n";
-      line = indent + "  ";
-    } else if (!fresh) {
-      line += ' ';
+  const auto fits = [&](const std::string& before, std::size_t columns) {
+    return width_of(before) + columns <= width;
+  };
+  const auto end_line = [&] { text += std::exchange(line, indent + "  ") + "\n"; };
+  const auto is_fresh = [&] { return line.ends_with(' ') || line.empty(); };
+  for (const auto& words : values) {
+    if (words.empty()) continue;  // blanks at the end
+    const auto whole = width_of(join(words, " "));
+    if (!is_fresh() && !fits(line, 2 + whole) && fits(indent, 2 + whole)) end_line();
+    std::size_t gap = 2;
+    for (const auto& word : words) {
+      if (!is_fresh() && !fits(line, gap + width_of(word))) end_line();
+      if (!is_fresh()) line.append(gap, ' ');
+      line += word;
+      gap = 1;
     }
-    line += word;
   }
   return text + line + "\n";
 }
