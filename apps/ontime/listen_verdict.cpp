@@ -15,6 +15,12 @@ int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
                  const ListenArguments& arguments, bool is_all_seen) {
   const bool has_chain_limit =
       std::ranges::any_of(findings.chains, [](const auto& chain) { return chain.wish.age.has_value(); });
+  // A bag is complete: what it has not by any name is no topic.
+  if (!arguments.bag.empty() && !arguments.topics.empty() && findings.flows.empty() &&
+      findings.forgotten.empty() && std::ranges::none_of(arguments.topics, [&](const auto& topic) {
+        return findings.silent.contains(topic);
+      }))
+    return 2;
   // A silent topic misses every limit.
   if (!is_all_seen) return limits.any() || has_chain_limit ? 1 : 2;
   if (std::ranges::any_of(findings.chains, misses)) return 1;

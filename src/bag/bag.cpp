@@ -37,6 +37,7 @@ class Bag final : public listen::Sensor {
 
   listen::Findings findings() const override {
     auto findings = judge_.findings();
+    findings.silent = files_.silent;
     findings.remarks.insert(findings.remarks.begin(), files_.remarks.begin(), files_.remarks.end());
     for (const auto& cut : cuts_) findings.add_incomplete(cut);
     return findings;

@@ -57,16 +57,21 @@ std::string metadata_in(const std::string& path) {
 }
 
 // Recorded topics without messages.
-std::string silent_in(const YAML::Node& topics) {
+std::set<std::string> silent_in(const YAML::Node& topics) {
+  std::set<std::string> silent;
+  for (const auto& topic : topics)
+    if (topic["message_count"].as<std::uint64_t>() == 0)
+      silent.insert(topic["topic_metadata"]["name"].as<std::string>());
+  return silent;
+}
+std::string text_of(const std::set<std::string>& topics) {
   std::string names;
   std::size_t more = 0;
-  for (const auto& topic : topics) {
-    if (topic["message_count"].as<std::uint64_t>() > 0) continue;
+  for (const auto& name : topics)
     if (names.size() > most_name_characters)
       ++more;
     else
-      names += (names.empty() ? "" : ", ") + topic["topic_metadata"]["name"].as<std::string>();
-  }
+      names += (names.empty() ? "" : ", ") + name;
   return more == 0 ? names : fmt::format("{} and {} more", names, more);
 }
 
@@ -77,9 +82,11 @@ Files files_by(const fs::path& metadata) {
     const auto about = YAML::Load(metadata_in(metadata.string()))["rosbag2_bagfile_information"];
     for (const auto& file : about["relative_file_paths"])
       files.paths.push_back((metadata.parent_path() / fs::path(file.as<std::string>()).filename()).string());
-    if (const auto silent = silent_in(about["topics_with_message_count"]); !silent.empty())
-      files.remarks.push_back(fmt::format(
-          "topics recorded without messages, and not judged: {}. To judge one: --topic TOPIC", silent));
+    files.silent = silent_in(about["topics_with_message_count"]);
+    if (!files.silent.empty())
+      files.remarks.push_back(
+          fmt::format("topics recorded without messages, and not judged: {}. To judge one: --topic TOPIC",
+                      text_of(files.silent)));
     if (about["compression_mode"].as<std::string>("") == "MESSAGE")
       files.remarks.emplace_back("each message is compressed: ages from header.stamp are unknown");
   } catch (const YAML::Exception& error) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -13,6 +14,7 @@ namespace ontime::bag {
 struct Files {
   std::vector<std::string> paths;    // in the order in which they were recorded
   std::vector<std::string> remarks;  // on the folder and its metadata
+  std::set<std::string> silent{};    // topics without messages, by its metadata
 };
 // `path` is a folder, or the only file. Throws listen::WrongInput.
 Files files_of(const std::string& path);

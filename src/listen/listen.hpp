@@ -11,6 +11,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -259,6 +260,7 @@ struct Cost {
 struct Findings {
   std::vector<Flow> flows;                               // by topic, writer and reader
   std::vector<Chain> chains;                             // as requested
+  std::set<std::string> silent;                          // topics that a bag has without messages
   std::uint64_t sensor_lost = 0;                         // events or packets that the sensor dropped
   std::map<std::string, std::uint64_t> misses_left_out;  // by topic: beyond most_misses
   // Flows of ended processes beyond the bound of `flows`, by topic.

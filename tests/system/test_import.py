@@ -203,6 +203,12 @@ class Import(results.Results):
         bag = self.bag([10])
         self.assertIn("/scan", self.ontime("import", bag, "--topic", "/scam", code=2).stderr)
         self.ontime("import", bag, "--topic", "/scan")
+        # A name that the bag has not is no late message. A topic that was silent is.
+        with open(bag / "metadata.yaml", "a") as metadata:
+            metadata.write("  topics_with_message_count: [{topic_metadata: {name: /odom}, message_count: 0}]\n")
+        self.assertIn("'/scan'?", self.ontime("import", bag, "--topic", "scan", "--deadline", "50ms", code=2).stderr)
+        self.ontime("import", bag, "--topic", "/odom", "--deadline", "50ms", code=1)
+        self.ontime("import", bag, "--topic", "scan", "--topic", "/scan", "--deadline", "50ms", code=1)
         self.assertIn("--unit", self.ontime("import", bag, "--unit", "us", code=2).stderr)
         self.assertIn("--topic", self.ontime("import", "x", "--from", "cyclictest-json", "--results", self.results, "--topic", "/a", code=2).stderr)
         self.assertIn("--results", self.ontime("import", "x", "--from", "cyclictest-json", code=2).stderr)
