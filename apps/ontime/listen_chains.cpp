@@ -72,7 +72,7 @@ std::string name_of_part(const listen::ChainWish& wish, const listen::ChainPath&
   if (part % 2 == 0)
     return fmt::format("{} → {}", topic_name(wish, topic), words_of(path.parties[topic + 1], "(unknown)"));
   return fmt::format("  in {}{}", words_of(path.parties[topic + 1], "(unknown)"),
-                     wish.steps[topic + 1].is_of_latest ? " (latest message taken)" : "");
+                     wish.steps[topic + 1].is_of_latest ? " (latest taken)" : "");
 }
 
 std::string text_of(const listen::Chain& chain, const listen::ChainPath& path) {
