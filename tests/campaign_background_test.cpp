@@ -249,12 +249,13 @@ TEST_F(BackgroundTopics, SearchNeedsOneKeyWithAList) {
   EXPECT_THAT(of("transport"), HasSubstr("transports have no order"));
 }
 
-TEST_F(BackgroundTopics, SearchedNumbersRiseOrFall) {
+TEST_F(BackgroundTopics, SearchedQuantitiesRiseOrFall) {
   const auto of = [this](const std::string& values) {
     return error("runs:\n  - {id: a, transport: cyclonedds, search: period, period: [" + values + "]}\n");
   };
   EXPECT_EQ(of("1 ms, 0.01 s, 100 ms"), "no error");
   EXPECT_EQ(of("100 ms, 0.01 s, 1 ms"), "no error");
+  EXPECT_EQ(error("runs: [{id: a, transport: udp, search: domain, domain: [46, 0, 8]}]\n"), "no error");
   EXPECT_THAT(of("1 ms, 100 ms, 10 ms"),
               AllOf(HasSubstr(":2:"), HasSubstr("'period' neither rise nor fall")));
 }

@@ -19,6 +19,12 @@ TEST(AnswerSteps, CommandThatFitsOneLineIsOnOne) {
             "Prove < 1 in:  " + fits + "\n" + "Compare: " + wide + "\n");
 }
 
+TEST(AnswerSteps, WordsToFillInAreBelow) {
+  EXPECT_EQ(
+      steps_text({{"Why", "ontime ping --peer HOST", {"HOST"}}, {"All", "x", {"HOST", "SCENARIO"}}}, 80),
+      "Why:  ontime ping --peer HOST\nAll:  x\nFill in: HOST, SCENARIO\n");
+}
+
 TEST(Answer, NextCommandsTakeAFileNamedLikeAnOption) {
   EXPECT_THAT(commands_of(answer_of(demo(), {.file = "-x.ontime"})),
               Contains("ontime report ./-x.ontime --full"));
@@ -218,6 +224,7 @@ TEST(Answer, NextCommandOfAForeignFileHasNoFileHostOrInterfaceOfIt) {
   EXPECT_EQ(
       late_of(evil, foreign),
       "ontime ping --peer HOST --option NAME=VALUE --period 1ms --loopback --explain --results why.ontime");
+  EXPECT_THAT(answer_of({one}, foreign).next.front().fill_in, ElementsAre("HOST", "NAME=VALUE"));
   EXPECT_THAT(late_of(evil, kept), HasSubstr("--peer evil worse --option config=/tmp/evil.xml --period 1ms "
                                              "--interface eth7 --log=/etc/passwd more"));
   amend(one.run.asked, "/command_line",
@@ -275,6 +282,9 @@ TEST(Answer, RunThatIsBeingMeasuredIsToBeWatched) {
   EXPECT_THAT(answer.sentence, HasSubstr("Run 2 is being measured."));
   EXPECT_EQ(commands_of(answer).front(), "ontime watch demo.ontime");
   EXPECT_THAT(commands_of(answer), Not(Contains(HasSubstr("--resume"))));
+  EXPECT_THAT(commands_of(answer_of({run_without_a_late_message()}, origin)),
+              Not(Contains(HasSubstr("--duration"))))
+      << "of some of its repetitions";
   EXPECT_EQ(answer_of({left, now}, kept).rows.back().state, Answer::State::cut_off);
 }
 

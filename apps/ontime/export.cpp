@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/export.hpp"
 
+#include <boost/algorithm/string/predicate.hpp>
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -19,9 +20,12 @@ struct ExportArguments {
 
 // Without the flag, as the ending of the file says.
 report::SampleFormat sample_format_flag(const std::string& word, const std::string& file) {
+  using boost::algorithm::iends_with;
+  if (word.empty() && iends_with(file, ".json"))
+    throw campaign::Error(2, "--output: export writes CSV or JSON Lines, not JSON. Fix: name a .jsonl file");
   if (word.empty())
-    return file.ends_with(".jsonl") || file.ends_with(".json") ? report::SampleFormat::jsonl
-                                                               : report::SampleFormat::csv;
+    return iends_with(file, ".jsonl") || iends_with(file, ".ndjson") ? report::SampleFormat::jsonl
+                                                                     : report::SampleFormat::csv;
   if (word == "parquet" || word == "arrow")
     throw campaign::Error(2,
                           fmt::format("--format: ontime does not write {}, because Debian 12 has no library "

@@ -159,9 +159,12 @@ std::vector<std::string> breaks_of(const listen::Findings& findings) {
       for (const auto& flow : findings.flows) {
         if (flow.topic != chain.wish.steps[topic].topic || flow.writer.process == 0) continue;
         const auto found = takes.find(flow.writer.process);
-        if (found == takes.end() || found->second.contains(chain.wish.steps[topic - 1].topic)) continue;
+        const auto& before = chain.wish.steps[topic - 1].topic;
+        const bool was_seen = std::ranges::any_of(
+            findings.flows, [&](const auto& other) { return other.topic == before && other.messages > 0; });
+        if (!was_seen || found == takes.end() || found->second.contains(before)) continue;
         const std::vector<std::string> others(found->second.begin(), found->second.end());
-        breaks.insert(fmt::format("--chain: {}, which publishes {}, never takes {}; it takes {}",
+        breaks.insert(fmt::format("--chain: {}, which publishes {}, took no {}; it took {}",
                                   words_of(flow.writer, "(unknown)"), topic_name(chain.wish, topic),
                                   topic_name(chain.wish, topic - 1),
                                   table::shortened(table::printable(table::join(others, ", ")), most_named)));

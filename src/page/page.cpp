@@ -349,8 +349,8 @@ std::string headline_of(const Summaries& measured, bool any_imported, const Orig
     html += "</ul>\n";
   }
   html += "<dl class=\"next\">\n";
-  for (const auto& [why, command] : answer.next)
-    html += fmt::format("<dt>{}</dt><dd><code>{}</code></dd>\n", escaped(why), escaped(command));
+  for (const auto& step : answer.next)
+    html += fmt::format("<dt>{}</dt><dd><code>{}</code></dd>\n", escaped(step.why), escaped(step.command));
   return html + "</dl>\n";
 }
 

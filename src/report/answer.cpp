@@ -383,7 +383,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
   }
   if (late != nullptr) found.late = late->runs.front();
-  if (all_ok) add_longer(found, entries);
+  if (all_ok && !origin.running_from) add_longer(found, entries);
   answer.conditions = common_conditions(entries);
   const auto is_listened = [](const Class& one) { return one.regime.is_listened; };
   const auto is_imported = [](const Entry& entry) { return entry.row.state == State::imported; };

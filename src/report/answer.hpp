@@ -53,6 +53,7 @@ struct Answer {
   };
   struct Step {
     std::string why, command;
+    std::vector<std::string> fill_in = {};  // words of the command that a stranger's file does not choose
   };
   std::string sentence;    // what the conditions did
   std::string conditions;  // what all runs have in common: "500 B every 10 ms, 20 s a run"

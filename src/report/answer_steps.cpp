@@ -186,11 +186,13 @@ bool can_be_named(const std::string& id) {
 
 std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin) {
   std::vector<Answer::Step> steps;
-  const auto add = [&](std::string why, const std::vector<std::string>& words, bool as_root = false) {
-    for (const auto* left_out : {"SCENARIO", "HOST", "NAME=VALUE"})  // of a stranger's file, see again()
-      if (std::ranges::find(words, left_out) != words.end()) why += fmt::format(" (fill in {})", left_out);
-    if (const auto line = table::line_to_paste(words); line && !words.empty())
-      steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
+  const auto add = [&](const std::string& why, const std::vector<std::string>& words, bool as_root = false) {
+    const auto line = table::line_to_paste(words);
+    if (!line || words.empty()) return;
+    steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
+    for (const auto* word : {"SCENARIO", "HOST", "NAME=VALUE"})  // see again()
+      if (!origin.is_own && std::ranges::find(words, word) != words.end())
+        steps.back().fill_in.emplace_back(word);
   };
   const auto again = [&](const Summary& run, Options wanted) { return report::again(run, wanted, origin); };
   const auto with = [](std::vector<std::string> words, std::initializer_list<std::string> further) {

@@ -146,12 +146,14 @@ std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width
   std::size_t widest = 0;
   for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
   std::string text;
-  for (const auto& [why, command] : steps) {  // a command stays on one line where it can
+  std::vector<std::string> to_fill_in;
+  for (const auto& [why, command, fill_in] : steps) {  // a command stays on one line where it can
     const bool fits = widest + 2 + width_of(command) <= width;
     text += fits ? fmt::format("{:<{}}  {}\n", why + ":", widest, command)
                  : fmt::format("{}: {}\n", why, command);
+    for (const auto& word : fill_in) add_once(to_fill_in, word);
   }
-  return text;
+  return to_fill_in.empty() ? text : text + fmt::format("Fill in: {}\n", join(to_fill_in, ", "));
 }
 
 const char* word_of(State state) {
@@ -235,7 +237,7 @@ ordered_json json_of(const Answer& answer) {
                     {"p50_ms", json_of(row.p50)},
                     {"p99_ms", json_of(row.p99)},
                     {"max_ms", ms(row.max_ns)}});
-  for (const auto& [why, command] : answer.next) next.push_back({{"why", why}, {"command", command}});
+  for (const auto& step : answer.next) next.push_back({{"why", step.why}, {"command", step.command}});
   return {{"sentence", answer.sentence},
           {"conditions", answer.conditions},
           {"rows", rows},

@@ -238,18 +238,20 @@ class Combinations {
     return true;
   }
 
-  // A search skips values: without an order its result says nothing of these.
+  // A search skips values: without an order its result says nothing of these. Only quantities with a unit
+  // have one of their own: a number may be a label (domain, dscp), and `none` the greatest or the least.
   void check_order(const Dimension& key) const {
     if (key.key == nullptr || !key.key->stated) return;
-    std::vector<double> numbers;
+    std::vector<double> quantities;
     for (const auto& choice : key.choices) try {
         const auto value = key.key->stated(choice.value);
-        if (!value.is_number()) return;  // of words only the user knows the order
-        numbers.push_back(value.get<double>());
+        const auto unit = choice.value.find_first_not_of("0123456789.");
+        if (!value.is_number() || unit == 0 || unit == std::string::npos) return;
+        quantities.push_back(value.get<double>());
       } catch (const std::exception&) {  // refused later, with its place
         return;
       }
-    if (!std::ranges::is_sorted(numbers) && !std::ranges::is_sorted(numbers, std::ranges::greater()))
+    if (!std::ranges::is_sorted(quantities) && !std::ranges::is_sorted(quantities, std::ranges::greater()))
       fail(
           key.choices.front().node,
           fmt::format("search: the values of '{}' neither rise nor fall; list them from lightest to heaviest",

@@ -58,6 +58,7 @@ class Against {
   }
 
   double operator()(double alternative) const {
+    if (!std::isfinite(greatest_)) return 1;  // neither share is possible
     // A few runs do not show how much they vary: half of the weight is on the most.
     constexpr std::pair<std::size_t, double> weights[] = {
         {0, 1.0 / 2}, {2, 1.0 / 6}, {4, 1.0 / 6}, {6, 1.0 / 6}};
@@ -137,12 +138,15 @@ Range range_of(const Count& count, double alpha) {
   return range;
 }
 
-double upper_limit(const Counts& runs, double most_variation, double alpha) {
+double upper_limit(const Counts& runs, double most_variation, double alpha, double asked) {
   Count all;
   for (const auto& run : runs) all = {all.events + run.events, all.messages + run.messages};
   if (all.messages <= 0) return 1;
-  return border(1, all.events / all.messages,
-                [&](double share) { return against_at_least(runs, share, most_variation) < 1 / alpha; });
+  const auto is_not_excluded = [&](double share) {
+    return against_at_least(runs, share, most_variation) < 1 / alpha;
+  };
+  // The evidence does not rise with the share everywhere: a greater one may be excluded less.
+  return border(is_not_excluded(asked) ? 1 : asked, all.events / all.messages, is_not_excluded);
 }
 
 }  // namespace ontime::search

@@ -39,7 +39,8 @@ struct Range {
 };
 Range range_of(const Count&, double alpha);
 
-// One-sided: the least share that against_at_least() of runs excludes with so much evidence; 1: none.
-double upper_limit(const Counts& runs, double most_variation, double alpha);
+// One-sided: the least share that against_at_least() of runs excludes with so much evidence; 1: none. Where
+// `asked` is excluded, it is below that.
+double upper_limit(const Counts& runs, double most_variation, double alpha, double asked = 1);
 
 }  // namespace ontime::search

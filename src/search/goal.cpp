@@ -69,7 +69,7 @@ std::vector<Part> goal_of(const std::string& text) {
 
 // From against_at_least() with the alpha of the start.
 double messages_to_prove(const Limit& limit, double of_run) {
-  constexpr double enough = 6;
+  const double enough = std::log(2 / 0.0125);  // half of its weight is on a share of 0
   const auto expected = limit.share > 0 ? limit.share * of_run : 1;
   return enough * of_run * most_variation(limit) / std::log1p(expected * most_variation(limit));
 }

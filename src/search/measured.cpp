@@ -107,7 +107,8 @@ bool Measured::kept_to(const Runs& runs) const {
 std::vector<Proof> Measured::proofs(const Runs& runs, double alpha) const {
   std::vector<Proof> proofs;
   for (std::size_t limit = 0; limit < limits(); ++limit)
-    proofs.push_back({upper_limit(independent(runs, limit), most_variation(problem_.goal[limit]), alpha),
+    proofs.push_back({upper_limit(independent(runs, limit), most_variation(problem_.goal[limit]), alpha,
+                                  permitted(runs, limit)),
                       permitted(runs, limit), spread(limit, runs).within});
   return proofs;
 }

@@ -173,7 +173,7 @@ class Listen(Robot):
         listener = self.listen((publisher, relay, last, taker), "--chain", "/scan,/cmd_vel")
         code, seen = self.end(listener, publisher, taker)
         self.assertEqual((code, seen["chains"][0]["came_out"]), (2, 0))
-        self.assertRegex(" ".join(seen["remarks"]), rf"listen_node \[{last.pid}\], .* /cmd_vel, never takes /scan; it takes /map")
+        self.assertRegex(" ".join(seen["remarks"]), rf"listen_node \[{last.pid}\], .* /cmd_vel, took no /scan; it took /map")
         self.assertNotIn(f"[{relay.pid}]", " ".join(seen["remarks"]))
 
     def test_table_has_the_ages_of_a_chain_that_are_recorded(self):
