@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "explain/explain.hpp"
 #include "listen_results.hpp"
 #include "listen_words.hpp"
 #include "record_fixture.hpp"
@@ -422,7 +423,7 @@ TEST_F(Recorder, LateMessagesThatAreNewerThanTheCountsAreCounted) {
   const auto reader = writer.reader();
   const auto run = reader.runs().at(0);
   EXPECT_EQ(run.outcome.counters.late, 0u);
-  EXPECT_EQ(late_of(reader, run), 3u);
+  EXPECT_EQ(explain::account_of(reader, run).late, 3u);
 }
 
 TEST_F(Recorder, KilledOneLeavesWhatItCounted) {

@@ -66,10 +66,8 @@ int explain(const ExplainArguments& arguments) {
   all.reserve(runs.size());
   std::optional<explain::Pong> pong;
   if (!arguments.pong.empty()) pong.emplace(record::Reader(arguments.pong), reader, runs.front());
-  for (const auto& run : runs) {
+  for (const auto& run : runs)
     all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), notes_of(reader, run)});
-    if (run.asked.keeps_worst()) all.back().account.late = late_of(reader, run);
-  }
   if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
   const auto columns = output_columns();
   write_whole("", arguments.message

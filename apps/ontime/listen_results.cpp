@@ -421,11 +421,4 @@ std::vector<record::Note> notes_of(const record::Reader& reader, const record::R
   return notes;
 }
 
-std::uint64_t late_of(const record::Reader& reader, const record::Run& run) {
-  std::uint64_t late = 0;
-  reader.each_sample(run.number,
-                     [&](const auto& sample) { late += sample.fate == roundtrip::Fate::late ? 1 : 0; });
-  return std::max(late, run.outcome.counters.late);
-}
-
 }  // namespace ontime::app

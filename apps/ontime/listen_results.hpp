@@ -107,8 +107,4 @@ class ListenResults {
 // is incomplete, the recorded cause stays.
 std::vector<record::Note> notes_of(const record::Reader&, const record::Run&);
 
-// The late messages of a run: as counted, or those in the file. If only the worst are kept, the counts of a
-// file that is being written, or whose ontime was killed, are older than its messages.
-std::uint64_t late_of(const record::Reader&, const record::Run&);
-
 }  // namespace ontime::app

@@ -246,11 +246,10 @@ std::int64_t deadline_ns_of(const record::Run& run) { return possible(run.asked.
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
   if (run.asked.is_listened()) {  // `listen` explains its messages
-    if (run.asked.keeps_worst())
-      account.late = run.outcome.counters.late;
-    else
-      reader.each_sample(run.number,
-                         [&](const Sample& sample) { account.late += sample.fate == Fate::late ? 1 : 0; });
+    reader.each_sample(run.number,
+                       [&](const Sample& sample) { account.late += sample.fate == Fate::late ? 1 : 0; });
+    // The counts of a file that is being written, or whose ontime was killed, are older than its messages.
+    if (run.asked.keeps_worst()) account.late = std::max(account.late, run.outcome.counters.late);
     return account;
   }
   account.traced = run.outcome.trace.has_value();

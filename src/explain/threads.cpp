@@ -116,6 +116,16 @@ class Follower {
     delay_.add(part_of(cause, culprit), when);
   }
 
+  // Returns how long they took.
+  std::int64_t add_interrupts(const Stretch& when) {
+    std::int64_t ns = 0;
+    for (const auto& interrupt : timeline_.interrupts(when.cpu, when.from_ns, when.to_ns)) {
+      add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, when.state, when.cpu}, interrupt.what);
+      ns += interrupt.to_ns - interrupt.from_ns;
+    }
+    return ns;
+  }
+
   static bool is_by_thread(const std::optional<Waker>& waker) {
     return waker && waker->interrupt.empty() && waker->thread != 0;
   }
@@ -238,11 +248,7 @@ class Follower {
 
   void waited_for_thread(int cpu, const Held& held, std::int64_t passed_over_ns, const Outranked& outranked) {
     const Stretch when{held.from_ns, held.to_ns, State::ready, cpu};
-    auto ns = when.length_ns();
-    for (const auto& interrupt : timeline_.interrupts(cpu, held.from_ns, held.to_ns)) {
-      add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, State::ready, cpu}, interrupt.what);
-      ns -= interrupt.to_ns - interrupt.from_ns;
-    }
+    const auto ns = when.length_ns() - add_interrupts(when);
     auto part = whose_;
     part.cause = why_behind(cpu, held, passed_over_ns, outranked);
     const bool ran = part.cause == Cause::not_preempted && ran_at_all(cpu, held.from_ns, held.to_ns);
@@ -268,16 +274,11 @@ class Follower {
 
   void ran(const Stretch& stretch) {
     auto& spent = explain::add(delay_.ran, whose_, stretch);
-    const auto interrupts = timeline_.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns);
-    for (const auto& interrupt : interrupts) {
-      add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, State::runs, stretch.cpu}, interrupt.what);
-      spent.ns -= interrupt.to_ns - interrupt.from_ns;
-    }
+    spent.ns -= add_interrupts({stretch.from_ns, stretch.to_ns, State::runs, stretch.cpu});
     for (const auto& one : timeline_.reclaims(whose_.thread_id, stretch.from_ns, stretch.to_ns)) {
       auto ns = one.to_ns - one.from_ns;  // an interrupt meanwhile is counted above
-      for (const auto& interrupt : interrupts)
-        ns -= std::max<std::int64_t>(
-            0, std::min(interrupt.to_ns, one.to_ns) - std::max(interrupt.from_ns, one.from_ns));
+      for (const auto& interrupt : timeline_.interrupts(stretch.cpu, one.from_ns, one.to_ns))
+        ns -= interrupt.to_ns - interrupt.from_ns;
       delay_.add(part_of(Cause::page_fault), ns, {{one.from_ns, one.to_ns, State::runs, stretch.cpu}});
       spent.ns -= ns;
     }
