@@ -25,7 +25,6 @@
 #include "listen_words.hpp"
 #include "listening.hpp"
 #include "output.hpp"
-#include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 #include "watch/watch.hpp"
@@ -153,8 +152,7 @@ class Listening {
     sort_worst_first(waiting_);
     take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();
-    add_unseen(findings);
-    const bool is_all_seen = unseen_.empty();
+    const bool is_all_seen = add_unseen(findings, topics_, arguments_);
     std::ranges::move(breaks_of(findings), std::back_inserter(findings.remarks));
     findings = wanted(std::move(findings));
     // Live listening may end by Ctrl-C at any time, also before --for does.
@@ -326,46 +324,6 @@ class Listening {
                       table::shell_line({arguments_.results})));
   }
 
-  const char* what_shows_topics() const {
-    if (arguments_.reader) return "check the name and whether its writer runs: ros2 topic list";
-    if (!arguments_.bag.empty()) return "to list all topics of the bag, omit --topic";
-    return chains_.empty() ? "to list all topics, replace TOPIC by --list"
-                           : "to list all topics: ontime listen --list";
-  }
-
-  // The requested topic may be among flows without a topic name.
-  std::string what_names(std::size_t unnamed) const {
-    if (arguments_.is_in_processes())
-      return fmt::format(
-          "{} no topic name: ontime finds that of a plain DDS program after some messages, or not at all. "
-          "Listen longer, or list all flows: {}",
-          table::many(unnamed, "flow has", "flows have"),
-          chains_.empty() ? "replace TOPIC by --list" : "ontime listen --list");
-    return fmt::format(
-        "{} no topic name, because their discovery was not captured. Start the capture before the nodes, or "
-        "omit TOPIC",
-        table::many(unnamed, "writer has", "writers have"));
-  }
-
-  // Adds remarks on requested topics that were not seen.
-  void add_unseen(listen::Findings& findings) {
-    std::set<std::string> seen;
-    for (const auto& flow : findings.flows) seen.insert(flow.topic);
-    const auto unnamed =
-        std::ranges::count_if(findings.flows, [](const auto& flow) { return flow.topic.empty(); });
-    for (const auto& topic : topics_) {
-      if (seen.contains(topic)) continue;
-      unseen_.insert(topic);
-      findings.remarks.push_back(fmt::format(
-          "no message of '{}' was seen{}; {}", topic, spelling::suggestion(topic, {seen.begin(), seen.end()}),
-          unnamed > 0 ? what_names(static_cast<std::size_t>(unnamed)) : what_shows_topics()));
-    }
-    if (findings.flows.empty() && arguments_.is_in_processes())
-      findings.remarks.emplace_back(
-          "ontime watches the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS. For "
-          "other programs: --packets any");
-  }
-
   std::uint64_t misses_left_out(const listen::Findings& findings) const {
     return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
                            [](auto sum, const auto& topic) { return sum + topic.second; });
@@ -422,7 +380,6 @@ class Listening {
   const listen::Limits limits_;
   const std::vector<listen::ChainWish> chains_;
   std::set<std::string> topics_;  // requested; empty: all
-  std::set<std::string> unseen_;  // requested, and not seen
   std::optional<std::chrono::nanoseconds> time_;
   std::optional<ListenBudget> budget_;
   const std::optional<std::uint64_t> most_bytes_;  // of results that keep only the worst

@@ -7,9 +7,57 @@
 
 #include "listen_chains.hpp"
 #include "listen_words.hpp"
+#include "spelling/spelling.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
+namespace {
+
+std::string what_shows_topics(const ListenArguments& arguments) {
+  if (arguments.reader) return "check the name and whether its writer runs: ros2 topic list";
+  if (!arguments.bag.empty()) return "to list all topics of the bag, omit --topic";
+  return arguments.chains.empty() ? "to list all topics, replace TOPIC by --list"
+                                  : "to list all topics: ontime listen --list";
+}
+
+// The requested topic may be among flows without a topic name.
+std::string what_names(std::size_t unnamed, const ListenArguments& arguments) {
+  if (arguments.is_in_processes())
+    return fmt::format(
+        "{} no topic name: ontime finds that of a plain DDS program after some messages, or not at all. "
+        "Listen longer, or list all flows: {}",
+        table::many(unnamed, "flow has", "flows have"),
+        arguments.chains.empty() ? "replace TOPIC by --list" : "ontime listen --list");
+  return fmt::format(
+      "{} no topic name, because their discovery was not captured. Start the capture before the nodes, or "
+      "omit TOPIC",
+      table::many(unnamed, "writer has", "writers have"));
+}
+
+}  // namespace
+
+bool add_unseen(listen::Findings& findings, const std::set<std::string>& topics,
+                const ListenArguments& arguments) {
+  std::set<std::string> seen;
+  for (const auto& flow : findings.flows) seen.insert(flow.topic);
+  const auto unnamed =
+      std::ranges::count_if(findings.flows, [](const auto& flow) { return flow.topic.empty(); });
+  bool is_all_seen = true;
+  for (const auto& topic : topics) {
+    if (seen.contains(topic)) continue;
+    is_all_seen = false;
+    findings.remarks.push_back(fmt::format(
+        "no message of '{}' was seen{}; {}", topic, spelling::suggestion(topic, {seen.begin(), seen.end()}),
+        unnamed > 0 ? what_names(static_cast<std::size_t>(unnamed), arguments)
+                    : what_shows_topics(arguments)));
+  }
+  if (findings.flows.empty() && arguments.is_in_processes())
+    findings.remarks.emplace_back(
+        "ontime watches the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS. For "
+        "other programs: --packets any");
+  return is_all_seen;
+}
 
 int exit_code_of(const listen::Findings& findings, const listen::Limits& limits,
                  const ListenArguments& arguments, bool is_all_seen) {
