@@ -387,6 +387,21 @@ TEST(Answer, ContrastLacksWhatEachOtherRunHas) {
               AllOf(StartsWith("With link faults"), HasSubstr("; without link faults or load 0 %")));
 }
 
+TEST(Answer, MarkedPacketsAndLimitsOfTheLoadAreSettings) {
+  for (const auto& [place, value, words] : {std::tuple("/link/message_priority", json(6), "traffic control"),
+                                            {"/link/qdisc", "prio bands 3", "traffic control"},
+                                            {"/link/dscp", 46, "DSCP"},
+                                            {"/isolation/load_quota", 0.3, "load limits"},
+                                            {"/isolation/load_weight", 20, "load limits"},
+                                            {"/isolation/cpus", "1", "reserved CPUs"}}) {
+    auto one = run(1, "a", "udp", {});
+    amend(one.run.asked, place, value);
+    const auto regime = regime_of(one);
+    EXPECT_THAT(regime.stress, ::testing::IsEmpty()) << place;
+    EXPECT_THAT(regime.tuned, ::testing::ElementsAre(words));
+  }
+}
+
 // {load, real-time settings}
 TEST(Answer, SentenceNamesNoConditionThatAnotherRowContradicts) {
   // The worst row is idle, and other rows have real-time settings, too.

@@ -111,8 +111,8 @@ TEST(SlowerThan, CountsMessagesAndNotBins) {
     samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000 + 10 * i));
   const auto summary = summary_of(samples, {});
   const auto events = [&](double limit_ns) {
-    const auto [least, most] = slower_than(summary, Times::round_trip, limit_ns);
-    return std::pair(least.events, most.events);
+    const auto slower = slower_than(summary, Times::round_trip, limit_ns);
+    return std::pair(slower.at_least.events, slower.at_most.events);
   };
   EXPECT_EQ(events(333'359), std::pair(64UL, 64UL));
   EXPECT_EQ(events(333'360), std::pair(63UL, 63UL));
@@ -124,6 +124,26 @@ TEST(SlowerThan, CountsMessagesAndNotBins) {
     EXPECT_GE(most, slower);
     EXPECT_LE(static_cast<double>(most - least), static_cast<double>(slower) * 0.022 + 1) << slower;
   }
+}
+
+// Whether it was slower than a limit above its time-out of 500 ms is unknown.
+TEST(SlowerThan, MessageWithoutAnAnswerWaitedForItsTimeout) {
+  std::vector<Sample> samples;
+  for (std::int64_t i = 0; i < 100; ++i)
+    samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000));
+  for (auto& sample : std::span(samples).last(3)) {
+    sample.fate = Fate::lost;
+    sample.received_ns = 0;
+  }
+  const auto summary = summary_of(samples, {});
+  const auto at_the_timeout = slower_than(summary, Times::round_trip, 500e6);
+  EXPECT_EQ(at_the_timeout.at_least.events, 3U);
+  EXPECT_EQ(at_the_timeout.at_least.messages, 100U);
+  EXPECT_EQ(at_the_timeout.unanswered, 3U);
+  const auto above = slower_than(summary, Times::round_trip, 501e6);
+  EXPECT_EQ(above.at_least.events, 0U);
+  EXPECT_EQ(above.at_most.events, 3U);
+  EXPECT_EQ(slower_than(summary, Times::response, 500e6).at_least.events, 3U);
 }
 
 TEST(Shape, ShowsAStallWhereItWas) {

@@ -2,6 +2,10 @@
 // A results file that another process writes.
 #pragma once
 
+#include <array>
+
+#include <sys/socket.h>
+
 #include "record_fixture.hpp"
 
 namespace ontime::watch {
@@ -11,28 +15,41 @@ class Following : public record::RecordTest {
   static nlohmann::json asked() {
     return {{"id", "Test1.B\"\\\n\x1b[31m"}, {"transport", "udp"}, {"repetition", 1}, {"duration_s", 60}};
   }
-  // A process that wrote with `write`, and still holds the file.
-  pid_t measuring(const std::function<void(record::Writer&)>& write) {
-    int written[2];
-    EXPECT_EQ(::pipe(written), 0);
+  // A process that wrote with the first of `steps`, and still holds the file. next_step() lets it go on.
+  using Steps = std::vector<std::function<void(record::Writer&)>>;
+  pid_t measuring(const Steps& steps) {
+    EXPECT_EQ(::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, both_.data()), 0);
     const auto child = ::fork();
     if (child == 0) {
       record::Writer writer(path_);
-      write(writer);
-      writer.flush();
-      [[maybe_unused]] auto ignored = ::write(written[1], "x", 1);
+      for (const auto& step : steps) {
+        step(writer);
+        writer.flush();
+        char byte = 'x';
+        if (::write(both_[1], &byte, 1) != 1 || ::read(both_[1], &byte, 1) != 1) break;
+      }
       ::pause();
       ::_exit(0);
     }
-    char byte = 0;
-    EXPECT_EQ(::read(written[0], &byte, 1), 1);
-    for (const int end : written) ::close(end);
+    wait();
     return child;
   }
-  static void kill(pid_t child) {
+  void next_step() {
+    EXPECT_EQ(::write(both_[0], "x", 1), 1);
+    wait();
+  }
+  void kill(pid_t child) {
     ::kill(child, SIGKILL);
     ::waitpid(child, nullptr, 0);
+    for (const int end : both_) ::close(end);
   }
+
+ private:
+  void wait() {
+    char byte = 0;
+    EXPECT_EQ(::read(both_[0], &byte, 1), 1);
+  }
+  std::array<int, 2> both_{};
 };
 
 }  // namespace ontime::watch

@@ -55,6 +55,19 @@ class Served : public ::testing::Test {
   std::vector<int> sockets_;
 };
 
+TEST_F(Served, NewestTextIsAwaitedByWhoHasFetchedAnother) {
+  metrics_.set("ontime_measuring 1\n");
+  EXPECT_FALSE(metrics_.is_awaited()) << "no client fetches";
+  ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
+  ask("GET /x HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_FALSE(metrics_.is_awaited());
+  metrics_.set("ontime_measuring 0\n");
+  ask("GET /x HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_TRUE(metrics_.is_awaited());
+  ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_FALSE(metrics_.is_awaited());
+}
+
 TEST_F(Served, OnlyMetricsAreServed) {
   const auto answer = ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
   EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));

@@ -272,7 +272,7 @@ json recorded() {
 }
 
 TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
-  const auto child = measuring([](record::Writer& writer) {
+  const auto child = measuring({[](record::Writer& writer) {
     const auto run = writer.begin_run(
         {{"id", "/cmd_vel period"}, {"measures", "period"}, {"kept", "worst"}, {"deadline_us", 15'000}});
     for (const std::uint64_t worst : {2000, 1000, 3000}) {  // one was examined later
@@ -283,7 +283,7 @@ TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
       writer.flush();
     }
     writer.note_outcome(run, recorded());
-  });
+  }});
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   const auto text = text_of(follower.look());
@@ -302,11 +302,11 @@ TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
 }
 
 TEST_F(Following, FlightRecordersAgesDoNotTellHowLongTheyTook) {
-  const auto child = measuring([](record::Writer& writer) {
+  const auto child = measuring({[](record::Writer& writer) {
     const auto run = writer.begin_run({{"id", "/cmd_vel age"}, {"measures", "age"}, {"kept", "worst"}});
     writer.append(run, usual(0, 3));
     writer.note_outcome(run, recorded());
-  });
+  }});
   EXPECT_THAT(text_of(Follower(path_).look()), StartsWith("run 1  /cmd_vel age  (flight recorder"));
   EXPECT_TRUE(parsed_json(json_of(Follower(path_).look())).at("elapsed_s").is_null());
   kill(child);
@@ -345,9 +345,9 @@ TEST_F(Following, DamagedHistogramOfAFlightRecorderIsLeftOut) {
 }
 
 TEST_F(Following, SamplesThatComeAtTheEndAreReported) {
-  const auto child = measuring([](record::Writer& writer) {
+  const auto child = measuring({[](record::Writer& writer) {
     writer.note(writer.begin_run(asked()), {"samples-wait", "they wait", {}, {}});
-  });
+  }});
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   const auto text = text_of(follower.look());
@@ -359,19 +359,29 @@ TEST_F(Following, SamplesThatComeAtTheEndAreReported) {
   EXPECT_EQ(follower.look().state, State::ended);
 }
 
-TEST_F(Following, NextRunStartsItsCountsAtZero) {
-  record::Writer writer(path_);
+TEST_F(Following, NextRunStartsAtZeroAfterTheEndOfTheOneBefore) {
+  const auto child = measuring({[](auto& writer) { writer.append(writer.begin_run(asked()), usual(0, 500)); },
+                                [](auto& writer) {
+                                  writer.append(1, usual(500, 7));
+                                  writer.end_run(1, {{"interrupted", false}});
+                                  writer.append(writer.begin_run(asked()), usual(0, 3));
+                                }});
   Follower follower(path_);
-  const auto first = writer.begin_run(asked());
-  writer.append(first, usual(0, 500));
-  writer.flush();
   EXPECT_EQ(follower.look().sent, 500U);
-  writer.end_run(first, {{"interrupted", false}});
-  const auto second = writer.begin_run(asked());
-  writer.append(second, usual(0, 3));
-  writer.flush();
-  EXPECT_EQ(follower.look().run.number, second);
+  next_step();
+  EXPECT_EQ(follower.look().sent, 507U) << "its end came between two looks";
+  EXPECT_EQ(follower.look().state, State::measuring);
+  EXPECT_EQ(follower.look().run.number, 2);
   EXPECT_EQ(follower.look().sent, 3U);
+  ASSERT_EQ(follower.before().size(), 1U);
+  EXPECT_EQ(follower.before()[0].sent, 507U);
+  const auto metrics = metrics_of(follower.look(), follower.before());
+  for (const auto* count :
+       {"[{]run=\"1\"[^\n]*fate=\"lost\"[}] 0\n", "[{]run=\"2\"[^\n]*fate=\"lost\"[}] 0\n"})
+    EXPECT_THAT(metrics, ::testing::ContainsRegex(std::string("ontime_messages_total") + count));
+  EXPECT_THAT(metrics, ::testing::ContainsRegex("seconds_count[{]run=\"1\"[^\n]* 507\n"));
+  EXPECT_THAT(metrics, ::testing::ContainsRegex("seconds_count[{]run=\"2\"[^\n]* 3\n"));
+  kill(child);
 }
 
 TEST_F(Following, ForgottenRunGivesWayToTheRunBeforeIt) {
@@ -411,7 +421,7 @@ TEST_F(Following, ForgottenOnlyRunLeavesNoRun) {
 
 TEST_F(Following, DeletedFileEndsTheMeasurement) {
   const auto child =
-      measuring([](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); });
+      measuring({[](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); }});
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   kill(child);
@@ -422,7 +432,7 @@ TEST_F(Following, DeletedFileEndsTheMeasurement) {
 
 TEST_F(Following, KilledOrClosedWriterEndsTheMeasurement) {
   const auto child =
-      measuring([](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); });
+      measuring({[](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); }});
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   EXPECT_THAT(text_of(follower.look()), HasSubstr("left"));

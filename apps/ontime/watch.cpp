@@ -61,8 +61,15 @@ int follow(const WatchArguments& arguments) {
       print(watch::json_of(progress));
     else
       screen.show(watch::text_of(progress), last);
-    if (last) return interrupted ? 130 : 0;
-    if (metrics) metrics->set(watch::metrics_of(progress));
+    if (metrics && !interrupted) metrics->set(watch::metrics_of(progress, follower.before()));
+    if (last) {
+      // A program that fetched metrics before gets the last ones, too. Prometheus fetches at least once a
+      // minute by default.
+      const auto until = std::chrono::steady_clock::now() + 1min;
+      while (metrics && interrupts == 0 && metrics->is_awaited() && std::chrono::steady_clock::now() < until)
+        std::this_thread::sleep_for(100ms);
+      return interrupted ? 130 : 0;
+    }
     std::this_thread::sleep_for(1s);
   }
 }

@@ -65,6 +65,10 @@ struct Faults {
     return rest;
   }
   bool any() const { return *this != Faults{}; }
+  // Frames are lost, late or sent twice: faults alone, no markings and no queueing discipline.
+  bool disturb() const {
+    return loss > 0 || duplicates > 0 || delay.count() > 0 || jitter.count() > 0 || reordered > 0 || cut;
+  }
   bool operator==(const Faults&) const = default;
 };
 

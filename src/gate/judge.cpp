@@ -95,23 +95,36 @@ bool is_every_message(const statistics::Probability& slower) {
 
 // Judges a percentile by the number of slower messages. Each answer uses the bound that opposes it.
 Answer answer_by_share(const Question& question, bool is_above) {
-  const auto& [least, most] = question.of;
+  const auto &least = question.of.at_least, &most = question.of.at_most;
   if (is_above && (is_every_message(least) || statistics::exceeds(least, question.most) == Answer::yes))
     return Answer::yes;
   if (!is_above && statistics::exceeds(most, question.most) == Answer::no) return Answer::no;
   return Answer::cannot_tell;
 }
 
-std::string slower_words(const statistics::Between& slower) {
-  const auto least = slower.at_least.events, most = slower.at_most.events;
-  return fmt::format("{}{} of {} slower", least < most ? grouped(least) + " to " : "", grouped(most),
-                     grouped(slower.at_most.messages));
+// More than the metric leaves above itself are surely slower.
+bool is_beyond(const Question& question) {
+  const auto& slower = question.of.at_least;
+  return static_cast<double>(slower.events) > question.most * static_cast<double>(slower.messages);
 }
 
-// A lost message has no time. Where more were lost than the metric leaves above itself, it keeps to the limit
+std::string slower_words(const statistics::Between& slower) {
+  const auto least = slower.at_least.events, most = slower.at_most.events;
+  return fmt::format(
+      "{}{} of {} slower{}", least < most ? grouped(least) + " to " : "", grouped(most),
+      grouped(slower.at_most.messages),
+      slower.unanswered == 0 ? "" : fmt::format(" ({} had no answer)", grouped(slower.unanswered)));
+}
+
+// A mean and a change are of answers alone, and whether a lost message was slower than a limit above its
+// time-out is unknown. Where more were lost than the metric leaves above itself, it may keep to the limit
 // only because of them.
 bool is_of_too_few_answers(const Gate& gate, const Summary& run) {
   const auto& metric = statistics::metric_of(gate.figure);
+  const bool counts_unanswered =
+      !gate.is_relative() && gate.figure != Figure::mean && !run.run.asked.is_listened();
+  if (counts_unanswered && static_cast<double>(run.run.asked.task.client.timeout.count()) >= gate.limit)
+    return false;
   const double permitted = metric.one_in > 0 ? metric.share_above() : 0;
   return !metric.is_share && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
 }
@@ -390,15 +403,21 @@ Judgement judge(const Gate& gate, const Summary& run) {
   const auto found = statistics::measured(run, gate.times, gate.figure);
   if (!found) return open(nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
-  if (gate.figure == Figure::max)
+  if (gate.figure == Figure::max) {
+    const auto slower = probability_beyond(gate, run);
+    if (slower.unanswered > 0) says += "; " + slower_words(slower);
     return unless_it_stood_still(
-        judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says), gate,
-        run);
+        judgement(gate, name_of(run),
+                  found->value > gate.limit || is_beyond({slower}) ? Result::missed : Result::held, says),
+        gate, run);
+  }
   says += ", " + interval(found->surer, [&](double value) { return value_of(gate, value); });
   auto answer = statistics::exceeds(*found, gate.limit);
   const auto question = question_of(gate, run);
-  if (question && !is_share(gate) && answer == Answer::cannot_tell) {
-    answer = answer_by_share(*question, found->value > gate.limit);
+  // The interval is of answers alone.
+  if (question && !is_share(gate) && answer != Answer::yes &&
+      (answer == Answer::cannot_tell || question->of.unanswered > 0)) {
+    answer = answer_by_share(*question, found->value > gate.limit || is_beyond(*question));
     says += "; " + slower_words(question->of);
   }
   const auto shift = statistics::shift_text(run);

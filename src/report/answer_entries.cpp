@@ -95,10 +95,15 @@ Regime regime_of(const Summary& run) {
   add("load", asked.controller_load.any() || asked.component_load.any(), others.load);
   add("traffic", asked.traffic.any(), others.traffic);
   add("background topics", asked.task.background.topics > 0, others.topics);
-  add("link faults", asked.faults.any(), false);
+  add("link faults", asked.faults.disturb(), false);
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
-  if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
+  if (!asked.isolation.cpus.empty()) tuned.emplace_back("reserved CPUs");
+  if (asked.isolation.limits()) tuned.emplace_back("load limits");
+  const auto& link = asked.faults;
+  if (!link.qdisc.empty() || link.message_priority || link.traffic_priority)
+    tuned.emplace_back("traffic control");
+  if (link.dscp) tuned.emplace_back("DSCP");
   return {stress, tuned, asked.is_listened()};
 }
 

@@ -166,7 +166,7 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
   suspect("component", "receive", "server answered", summary.server.max);
   // A faulty or a full link delays as long by itself, and so does a repeated transmission.
   const auto& asked = summary.run.asked;
-  const bool by_the_link = asked.faults.any() || asked.traffic.any() ||
+  const bool by_the_link = asked.faults.disturb() || asked.traffic.any() ||
                            std::ranges::any_of(summary.run.outcome.hosts, [](const auto& host) {
                              return host.second.losses.on_the_way > 0;
                            });

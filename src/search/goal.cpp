@@ -80,17 +80,7 @@ Tally tally_of(const Part& part, const statistics::Summary& run) {
   const bool is_late = part.gate.figure == Figure::late && part.gate.times == statistics::Times::round_trip;
   // The upper bound: too few messages must not prove a goal.
   const auto of = is_late ? run.missed_probability : gate::probability_beyond(part.gate, run).at_most;
-  // An unanswered message has no time, so it breaks the limit.
-  std::uint64_t unanswered = 0;
-  if (!statistics::metric_of(part.gate.figure).is_share) {
-    const auto all =
-        part.gate.times == statistics::Times::response ? run.sent + run.skipped_cycles : run.sent;
-    unanswered = all - std::min(all, of.messages);
-  }
-  // Lost answers come in bursts more often than slow ones.
-  const double effect = unanswered > 0 ? std::max(of.effect, run.lost_probability.effect) : of.effect;
-  return {static_cast<double>(of.events + unanswered), static_cast<double>(of.messages + unanswered),
-          std::max(effect, 1.0)};
+  return {static_cast<double>(of.events), static_cast<double>(of.messages), std::max(of.effect, 1.0)};
 }
 
 }  // namespace ontime::search

@@ -173,18 +173,25 @@ Between slower_than(const Summary& summary, Times times, double limit_ns) {
   const auto& ranks = by_response ? summary.shape.response_ranks : summary.shape.round_trip_ranks;
   const auto above = std::ranges::upper_bound(
       ranks, limit_ns, {}, [](const Ranked& one) { return static_cast<double>(one.value); });
-  const auto least = above == ranks.end() ? 0 : answers - above->rank + 1;
-  const auto most = above == ranks.begin() ? answers : answers - std::prev(above)->rank;
+  auto least = above == ranks.end() ? 0 : answers - above->rank + 1;
+  auto most = above == ranks.begin() ? answers : answers - std::prev(above)->rank;
+  const auto& asked = summary.run.asked;
+  const auto all =
+      std::max(asked.is_listened() ? 0 : summary.sent + (by_response ? summary.skipped_cycles : 0), answers);
+  const auto unanswered = all - answers;
+  most += unanswered;
+  if (static_cast<double>(asked.task.client.timeout.count()) >= limit_ns) least += unanswered;
   double effect = 1;
   for (const auto& percentile : certainty.quantiles) {
     if (percentile.value <= limit_ns) effect = 1;  // only those around it count
     effect = std::max(effect, percentile.effect);
     if (percentile.value > limit_ns) break;
   }
+  if (unanswered > 0) effect = std::max(effect, summary.lost_probability.effect);
   const auto share = [&](std::uint64_t events) {
-    return probability(events, answers, events == 0 ? 1 : effect, certainty.slowest_effect);
+    return probability(events, all, events == 0 ? 1 : effect, certainty.slowest_effect);
   };
-  return {share(least), share(most)};
+  return {share(least), share(most), unanswered};
 }
 
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,

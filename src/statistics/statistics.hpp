@@ -187,9 +187,12 @@ const Probability* probability_of(const Summary&, Times, Figure);
 // If not all ranks are kept, a count of messages is known only within two limits; else both are the same.
 struct Between {
   Probability at_least, at_most;
+  std::uint64_t unanswered = 0;  // among the messages
 };
-// How many answers take longer than the limit: exact among the slowest 128, else to within 2.2 %. The design
-// effect is the greater of those of the adjacent percentiles; with very few, that of the slowest.
+// How many messages, or cycles, take longer than the limit: exact among the slowest 128 answers, else to
+// within 2.2 %. One without an answer took at least its time-out; what a robot's topic lost has none and is
+// left out. The design effect is the greater of those of the adjacent percentiles; with very few, that of the
+// slowest; where answers are missing, at least theirs.
 Between slower_than(const Summary&, Times, double limit_ns);
 
 // Compares one or several runs with one or several others, by their means. For the maximum: the greatest of

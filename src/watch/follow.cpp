@@ -134,6 +134,10 @@ Buckets times_in(const record::Counts& counted) {
 }  // namespace
 
 void Follower::begin(const record::Run& run) {
+  constexpr std::size_t most_before = 16;
+  if (is_over_) before_.push_back(std::move(progress_));
+  if (before_.size() > most_before) before_.pop_front();
+  is_over_ = false;
   settled_ = {};
   start_ns_.reset();
   progress_ = {};
@@ -169,12 +173,17 @@ void Follower::look_once() {
     begin({});
     runs = reader.runs(1);
   }
+  bool is_followed = false;
   if (!runs.empty()) {
-    const auto& newest = runs.back();
     // The next run can have the number of a removed run, whose samples are gone.
-    if (newest.number != progress_.run.number || newest.asked.document != progress_.run.asked.document)
-      begin(newest);
-    progress_.run = newest;
+    const auto is_current = [&](const record::Run& run) {
+      return run.number == progress_.run.number && run.asked.document == progress_.run.asked.document;
+    };
+    // A run that ended since the last look is seen once more, with all its messages.
+    is_followed = !is_over_ && runs.size() > 1 && is_current(runs.front());
+    const auto& seen = is_followed ? runs.front() : runs.back();
+    if (!is_current(seen)) begin(seen);
+    progress_.run = seen;
   }
 
   const bool keeps_worst = progress_.run.asked.keeps_worst();
@@ -210,7 +219,8 @@ void Follower::look_once() {
                   counted.sent > newest.sent ? 0 : counted.trailing_until_ns}));
   }
   // The outcome of a flight recorder's run is preliminary.
-  const bool has_ended = !is_written || (progress_.run.outcome.has_ended() && !keeps_worst);
+  const bool has_ended = !is_written || is_followed || (progress_.run.outcome.has_ended() && !keeps_worst);
+  is_over_ = has_ended && progress_.run.number > 0;
   if (has_ended) add_end(newest, progress_.run, start_ns_, timeout_ns);
   const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
   progress_.unrecorded = keeps_worst ? 0 : missing;  // it was to keep no others
@@ -220,9 +230,9 @@ void Follower::look_once() {
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
   if (progress_.samples_wait) progress_.elapsed_s.reset();
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);
-  progress_.state = !is_written ? Progress::State::ended
-                    : under_way ? Progress::State::measuring
-                                : Progress::State::waiting;
+  progress_.state = !is_written && !is_followed ? Progress::State::ended
+                    : under_way                 ? Progress::State::measuring
+                                                : Progress::State::waiting;
 }
 
 }  // namespace ontime::watch

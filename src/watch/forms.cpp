@@ -192,45 +192,60 @@ std::string json_of(const Progress& progress) {
   return object.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-std::string metrics_of(const Progress& progress) {
+std::string metrics_of(const Progress& newest, const std::deque<Progress>& before) {
   Exposition text;
   text.begin("measuring", "gauge", "1 while a run is measured, else 0.");
-  text.add("", progress.state == Progress::State::measuring ? 1 : 0);
-  if (progress.run.number == 0) return std::move(text).text();
+  text.add("", newest.state == Progress::State::measuring ? 1 : 0);
+  if (newest.run.number == 0) return std::move(text).text();
 
-  const auto value = [&](const char* key) { return word(progress.run.asked.stated(key)); };
-  const auto run = labels({{"run", fmt::to_string(progress.run.number)},
-                           {"id", value("id")},
-                           {"variant", value("variant")},
-                           {"transport", value("transport")},
-                           {"repetition", value("repetition")}});
-  const auto add = [&](const char* name, const char* type, const char* help, auto number) {
-    text.begin(name, type, help);
-    text.add(run, number);
+  std::vector<std::pair<std::string, const Progress*>> runs;
+  const auto add_run = [&](const Progress& progress) {
+    const auto value = [&](const char* key) { return word(progress.run.asked.stated(key)); };
+    runs.emplace_back(labels({{"run", fmt::to_string(progress.run.number)},
+                              {"id", value("id")},
+                              {"variant", value("variant")},
+                              {"transport", value("transport")},
+                              {"repetition", value("repetition")}}),
+                      &progress);
+  };
+  for (const auto& progress : before) add_run(progress);
+  add_run(newest);
+  const auto add = [&](const char* name, const char* type, const char* help, auto&& number_of) {
+    bool has_begun = false;
+    for (const auto& [run, progress] : runs)
+      if (const auto number = number_of(*progress)) {
+        if (!std::exchange(has_begun, true)) text.begin(name, type, help);
+        text.add(run, *number);
+      }
   };
   const auto in_s = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
-  text.begin("messages_total", "counter", "Messages of the newest run, by outcome.");
-  const auto add_fate = [&](const char* fate, bool is_known, std::uint64_t count) {
-    if (is_known) text.add(run + "," + labels({{"fate", fate}}), count);
-  };
-  const bool late = statistics::knows_late(progress.run), lost = statistics::knows_loss(progress.run);
-  add_fate("on_time", late && lost, progress.on_time);
-  add_fate("late", late, progress.late);
-  add_fate("lost", lost, progress.lost_for_good);  // a counter never falls
-  add("skipped_cycles_total", "counter", "Cycles that passed without a message.", progress.skipped_cycles);
-  if (progress.elapsed_s)
-    add("elapsed_seconds", "gauge", "From the first message to the newest.", *progress.elapsed_s);
-  if (progress.duration_s)
-    add("duration_seconds", "gauge", "Requested duration of the run.", *progress.duration_s);
-  const auto& times = progress.round_trip;
-  if (times.count() > 0)
-    add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", in_s(times.max_ns()));
-  if (!progress.worst.empty())
-    add("response_max_seconds", "gauge",
-        "Longest wait, also of a lost message: from the due time to the reply, or as long as is known.",
-        in_s(progress.worst.front().response_ns));
+  text.begin("messages_total", "counter", "Messages of a run, by outcome.");
+  for (const auto& [run, progress] : runs) {
+    const auto add_fate = [&](const char* fate, bool is_known, std::uint64_t count) {
+      if (is_known) text.add(run + "," + labels({{"fate", fate}}), count);
+    };
+    const bool late = statistics::knows_late(progress->run), lost = statistics::knows_loss(progress->run);
+    add_fate("on_time", late && lost, progress->on_time);
+    add_fate("late", late, progress->late);
+    add_fate("lost", lost, progress->lost_for_good);  // a counter never falls
+  }
+  add("skipped_cycles_total", "counter", "Cycles that passed without a message.",
+      [](const Progress& of) { return std::optional(of.skipped_cycles); });
+  add("elapsed_seconds", "gauge", "From the first message to the newest.",
+      [](const Progress& of) { return of.elapsed_s; });
+  add("duration_seconds", "gauge", "Requested duration of the run.",
+      [](const Progress& of) { return of.duration_s; });
+  add("round_trip_max_seconds", "gauge", "Longest round trip of the run.", [&](const Progress& of) {
+    return of.round_trip.count() > 0 ? std::optional(in_s(of.round_trip.max_ns())) : std::nullopt;
+  });
+  add("response_max_seconds", "gauge",
+      "Longest wait, also of a lost message: from the due time to the reply, or as long as is known.",
+      [&](const Progress& of) {
+        return of.worst.empty() ? std::nullopt : std::optional(in_s(of.worst.front().response_ns));
+      });
   text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
-  text.add(run, times.counts(), times.sum_ns());
+  for (const auto& [run, progress] : runs)
+    text.add(run, progress->round_trip.counts(), progress->round_trip.sum_ns());
   return std::move(text).text();
 }
 

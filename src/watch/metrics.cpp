@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <condition_variable>
+#include <cstdint>
 #include <cstring>
 #include <mutex>
-#include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
+#include <tuple>
 #include <utility>
 
 #include <arpa/inet.h>
@@ -53,41 +55,60 @@ Endpoint endpoint_of(const std::string& text) {
 
 class Text {
  public:
-  // A request before the first text waits for it; empty: it did not come in time.
-  std::optional<std::string> get() {
+  // The text and its number, from 1. A request before the first text waits for it; 0: it did not come in
+  // time.
+  std::pair<std::string, std::uintptr_t> get() {
     std::unique_lock lock(mutex_);
-    is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return text_.has_value(); });
-    return text_;
+    is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return number_ > 0; });
+    return {text_, number_};
   }
   void set(std::string text) {
     {
       const std::lock_guard lock(mutex_);
       text_ = std::move(text);
+      ++number_;
     }
     is_set_.notify_all();
   }
+  void was_sent(std::uintptr_t number) {
+    const std::lock_guard lock(mutex_);
+    sent_ = std::max(sent_, number);
+  }
+  bool is_awaited() const {
+    const std::lock_guard lock(mutex_);
+    return sent_ > 0 && sent_ < number_;
+  }
 
  private:
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   std::condition_variable is_set_;
-  std::optional<std::string> text_;
+  std::string text_;
+  std::uintptr_t number_ = 0, sent_ = 0;
 };
 
+void completed(void* metrics, MHD_Connection*, void** number, MHD_RequestTerminationCode code) {
+  if (code == MHD_REQUEST_TERMINATED_COMPLETED_OK)
+    static_cast<Text*>(metrics)->was_sent(reinterpret_cast<std::uintptr_t>(*number));
+}
+
 MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target, const char* method,
-                  const char*, const char*, std::size_t*, void**) {
+                  const char*, const char*, std::size_t*, void** number) {
   const std::string_view asked = method;
   const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
   const bool is_there = target == std::string_view("/metrics");
-  const auto text = may && is_there ? static_cast<Text*>(metrics)->get() : std::nullopt;
+  std::string text;
+  std::uintptr_t of_text = 0;
+  if (may && is_there) std::tie(text, of_text) = static_cast<Text*>(metrics)->get();
+  *number = reinterpret_cast<void*>(of_text);
   using Answer = std::pair<unsigned, std::string>;
-  auto [status, body] = text       ? Answer(MHD_HTTP_OK, *text)
-                        : !may     ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
-                        : is_there ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, "nothing was counted yet\n")
-                                   : Answer(MHD_HTTP_NOT_FOUND, "not found. See /metrics\n");
+  auto [status, body] = of_text > 0 ? Answer(MHD_HTTP_OK, text)
+                        : !may      ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
+                        : is_there  ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, "nothing was counted yet\n")
+                                    : Answer(MHD_HTTP_NOT_FOUND, "not found. See /metrics\n");
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
-                          text ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
+                          of_text > 0 ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
   if (!may) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
   const auto queued = MHD_queue_response(connection, status, response);
@@ -110,8 +131,9 @@ Metrics::Metrics(const std::string& address) : server_(std::make_unique<Server>(
   server_->daemon.reset(MHD_start_daemon(
       MHD_USE_POLL_INTERNAL_THREAD | (to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG), to.port,
       nullptr, nullptr, answer, &server_->text, MHD_OPTION_SOCK_ADDR, &to.address,
-      MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
-      MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END));
+      MHD_OPTION_NOTIFY_COMPLETED, completed, &server_->text, MHD_OPTION_CONNECTION_LIMIT, most_at_once,
+      MHD_OPTION_CONNECTION_TIMEOUT, patience_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request,
+      MHD_OPTION_END));
   if (!server_->daemon)
     throw std::runtime_error(fmt::format("cannot listen on {}: {}. Fix: choose another address or port",
                                          address, std::generic_category().message(errno)));
@@ -124,5 +146,6 @@ std::string Metrics::address() const {
                      MHD_get_daemon_info(server_->daemon.get(), MHD_DAEMON_INFO_BIND_PORT)->port);
 }
 void Metrics::set(std::string text) { server_->text.set(std::move(text)); }
+bool Metrics::is_awaited() const { return server_->text.is_awaited(); }
 
 }  // namespace ontime::watch

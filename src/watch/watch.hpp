@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <numeric>
@@ -86,8 +87,11 @@ struct Progress : Counted {
 class Follower {
  public:
   explicit Follower(std::string results) : results_(std::move(results)) {}
-  // Throws record::Error. If the file has vanished, the measurement has ended, with the last counts.
+  // Throws record::Error. If the file has vanished, the measurement has ended, with the last counts. A run is
+  // seen until its end, unless it both began and ended between two looks.
   const Progress& look();
+  // The runs that were seen to end before this one, the oldest first; at most 16.
+  const std::deque<Progress>& before() const { return before_; }
 
  private:
   void look_once();
@@ -97,14 +101,17 @@ class Follower {
   Counted settled_;  // final counts, up to the first message that may change
   std::optional<std::int64_t> start_ns_;
   Progress progress_;
+  bool is_over_ = false;  // its end was seen
+  std::deque<Progress> before_;
 };
 
 // Several lines for a terminal, each with its newline.
 std::string text_of(const Progress&);
 // One line of JSON: docs/reference/json.md.
 std::string json_of(const Progress&);
-// Prometheus's text format, version 0.0.4.
-std::string metrics_of(const Progress&);
+// Prometheus's text format, version 0.0.4. It has the runs before, too: what they counted since it was last
+// fetched would be missing for ever.
+std::string metrics_of(const Progress&, const std::deque<Progress>& before = {});
 
 // Prometheus metrics of a robot's own messages. Counters never fall: a series adds the increase of its flows
 // since the last look, and keeps its count when a flow ends or changes its writer.
@@ -158,6 +165,8 @@ class Metrics {
   ~Metrics();
   std::string address() const;  // with the bound port
   void set(std::string text);
+  // Whether a client was sent a text, but none the newest.
+  bool is_awaited() const;
 
  private:
   struct Server;

@@ -2,8 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`ontime watch`, from another terminal, on runs that the real program measures over loopback."""
 
+import contextlib
 import json
+import re
 import signal
+import time
 import unittest
 import urllib.error
 import urllib.request
@@ -41,6 +44,16 @@ class Watch(results.Results):
         with self.assertRaises(urllib.error.HTTPError):
             urllib.request.urlopen(address + "/x", timeout=60)
         process.kill()  # what remains is a run that was cut off
+        process.wait(180)
+        last = None  # it ends when its last metrics are fetched
+        while watch.poll() is None:
+            with contextlib.suppress(OSError):
+                last = urllib.request.urlopen(address, timeout=60).read().decode()
+            time.sleep(0.1)
+        self.assertIn("ontime_measuring 0\n", last)
+        sent = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]["sent"]
+        counts = re.findall(r"ontime_messages_total\{[^}]*\} (\d+)", last)
+        self.assertEqual(sum(map(int, counts)), sent)
         out, _ = watch.communicate(timeout=180)
         self.assertEqual(watch.returncode, 0)
         self.assertIn("cut off", out)
