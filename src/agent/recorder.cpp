@@ -28,7 +28,7 @@ Recorder::Recorder(roundtrip::Client& client, orders::Events& events, roundtrip:
       events_(events),
       patience_(schedule == roundtrip::Schedule::back_to_back ? client.capacity() / 2 : 0),
       waiting_(waiting == Waiting::for_the_end ? std::tmpfile() : nullptr, std::fclose),
-      thread_([this] { record(); }) {
+      thread_([this](const std::stop_token& stop) { record(stop); }) {
   equipped_.wait();
 }
 
@@ -36,12 +36,7 @@ Recorder::~Recorder() { finish(); }
 
 std::size_t Recorder::finish() {
   if (!thread_.joinable()) return waited_bytes_;
-  {
-    const std::lock_guard lock(mutex_);
-    over_ = true;
-  }
-  wake_.notify_all();
-  thread_.join();
+  thread_ = {};  // stops it and waits
   try {
     while (hand_over()) continue;
     hand_over_what_waited();
@@ -50,7 +45,7 @@ std::size_t Recorder::finish() {
   return waited_bytes_;
 }
 
-void Recorder::record() {
+void Recorder::record(const std::stop_token& stop) {
   pthread_setname_np(pthread_self(), "ontime-record");
   // Not SCHED_IDLE: under a dozen hogs that would not run for seconds, and others wait for what it holds.
   const sched_param none{};
@@ -62,10 +57,10 @@ void Recorder::record() {
   equipped_.count_down();
   std::unique_lock lock(mutex_);
   try {
-    while (!wake_.wait_for(lock, look, [this] { return over_.load(); })) {
+    while (!wake_.wait_for(lock, stop, look, [&] { return stop.stop_requested(); })) {
       if (client_.undrained() <= patience_) continue;
       lock.unlock();
-      while (!over_ && hand_over()) continue;
+      while (!stop.stop_requested() && hand_over()) continue;
       lock.lock();
     }
   } catch (const orders::Broken&) {  // the thread that reads orders notices it too

@@ -6,7 +6,6 @@
 // wait in an unnamed file, as many as fit.
 #pragma once
 
-#include <atomic>
 #include <condition_variable>
 #include <cstdio>
 #include <latch>
@@ -35,7 +34,7 @@ class Recorder {
 
  private:
   using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
-  void record();
+  void record(const std::stop_token&);
   bool hand_over();  // a little of it; false if there was nothing
   bool keep(std::span<const std::uint8_t>);
   void hand_over_what_waited();
@@ -47,10 +46,9 @@ class Recorder {
   File waiting_;  // null: samples do not wait, or no longer
   std::size_t waited_bytes_ = 0;
   std::mutex mutex_;
-  std::condition_variable wake_;
-  std::atomic<bool> over_{false};
+  std::condition_variable_any wake_;
   std::latch equipped_{1};
-  std::thread thread_;
+  std::jthread thread_;  // last: it uses the rest
 };
 
 }  // namespace ontime::agent

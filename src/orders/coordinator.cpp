@@ -20,16 +20,8 @@ constexpr int reads_a_turn = 32;          // of 64 KiB each: more than a pipe ho
 
 }  // namespace
 
-Coordinator::Coordinator(Interrupts& interrupts) : interrupts_(interrupts), beating_([this] { beat(); }) {}
-
-Coordinator::~Coordinator() {
-  {
-    const std::lock_guard lock(mutex_);
-    over_ = true;
-  }
-  wake_.notify_all();
-  beating_.join();
-}
+Coordinator::Coordinator(Interrupts& interrupts)
+    : interrupts_(interrupts), beating_([this](const std::stop_token& stop) { beat(stop); }) {}
 
 Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::vector<std::string>& command,
                         const std::string& samples, Between between)
@@ -182,16 +174,15 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
   handle->second(frame);
 }
 
-bool Coordinator::turn(std::chrono::milliseconds within) {
+void Coordinator::turn() {
   const auto hands = hands_;
   std::vector<pollfd> waiting;
   waiting.reserve(hands.size());
   for (auto* hand : hands) waiting.push_back({hand->process_->frames().in(), POLLIN, 0});
-  const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(within.count()));
+  const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(look.count()));
   for (std::size_t i = 0; ready > 0 && i < hands.size(); ++i)
     if (waiting[i].revents != 0) listen(*hands[i]);
   check_silence();
-  return ready > 0;
 }
 
 void Coordinator::check_silence() {
@@ -240,7 +231,7 @@ json Coordinator::await(Hand& hand, const std::string& event, const std::functio
   while (!answer_) {
     if (interrupted(tolerated)) throw Interrupted{};
     meanwhile();
-    turn(look);
+    turn();
   }
   return *answer_;
 }
@@ -248,7 +239,7 @@ json Coordinator::await(Hand& hand, const std::string& event, const std::functio
 void Coordinator::until(const std::function<bool()>& done, int tolerated) {
   while (!done()) {
     if (interrupted(tolerated)) throw Interrupted{};
-    turn(look);
+    turn();
   }
 }
 
@@ -259,14 +250,13 @@ void Coordinator::drain() noexcept {
     }
 }
 
-void Coordinator::beat() {
+void Coordinator::beat(const std::stop_token& stop) {
   std::unique_lock lock(mutex_);
-  while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
+  while (!wake_.wait_for(lock, stop, beat_period, [&] { return stop.stop_requested(); }))
     for (auto* hand : hands_) try {
         hand->process_->frames().send({{"order", "beat"}});
       } catch (const Broken&) {  // the loop notices it too
       }
-  }
 }
 
 }  // namespace ontime::orders

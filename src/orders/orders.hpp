@@ -102,7 +102,6 @@ class Process;
 class Coordinator {
  public:
   explicit Coordinator(Interrupts&);  // a worker that was terminated counts as an interruption
-  ~Coordinator();
   Coordinator(const Coordinator&) = delete;
   Coordinator& operator=(const Coordinator&) = delete;
 
@@ -172,12 +171,12 @@ class Coordinator {
  private:
   friend class Hand;
   using Clock = std::chrono::steady_clock;
-  bool turn(std::chrono::milliseconds within);  // whether anything came
+  void turn();
   void listen(Hand&);
   void dispatch(Hand&, const Frame&);
   void check_silence();
   void lose(Hand&);
-  void beat();
+  void beat(const std::stop_token&);
 
   Interrupts& interrupts_;
   int more_tolerated_ = 0;
@@ -186,9 +185,8 @@ class Coordinator {
   Hand* awaited_ = nullptr;
   std::string awaited_event_;
   std::optional<nlohmann::json> answer_;
-  std::condition_variable wake_;
-  bool over_ = false;
-  std::thread beating_;
+  std::condition_variable_any wake_;
+  std::jthread beating_;  // last: it uses the rest
 };
 
 // The path of this program, with which workers on this machine are started.

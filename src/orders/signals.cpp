@@ -18,9 +18,7 @@ void on_termination(void (*handler)(int)) {
     sigaddset(&handled, signal);
   }
   pthread_sigmask(SIG_UNBLOCK, &handled, nullptr);  // a thread with blocked signals may have started us
-  struct sigaction ignore {};
-  ignore.sa_handler = SIG_IGN;
-  sigaction(SIGPIPE, &ignore, nullptr);
+  std::signal(SIGPIPE, SIG_IGN);
 }
 
 static_assert(Interrupts::is_always_lock_free, "it is counted in a signal handler");

@@ -28,16 +28,6 @@ Interrupts terminations = 0;
 class EventPipe final : public Events {
  public:
   EventPipe(int in, int out) : frames_(in, out) {}
-  ~EventPipe() {
-    {
-      const std::lock_guard lock(mutex_);
-      over_ = true;
-    }
-    wake_.notify_all();
-    if (beating_.joinable()) beating_.join();
-  }
-  EventPipe(const EventPipe&) = delete;
-  EventPipe& operator=(const EventPipe&) = delete;
 
   void tell(const char* event, json body, std::span<const std::uint8_t> bytes) override {
     body["event"] = event;
@@ -53,19 +43,20 @@ class EventPipe final : public Events {
   // is no work for a measurement.
   void start_beating() {
     std::latch begun{1};
-    beating_ = std::thread([&] { beat(begun); });
+    beating_ = std::jthread([&](const std::stop_token& stop) { beat(begun, stop); });
     begun.wait();
   }
 
  private:
-  void beat(std::latch& begun) {
+  void beat(std::latch& begun, const std::stop_token& stop) {
     const sched_param none{};
     // SCHED_BATCH: this thread must not pre-empt a measuring thread.
     sched_setscheduler(0, SCHED_BATCH, &none);
     std::unique_lock lock(mutex_);
     bool goes_on = tell_beat();
     begun.count_down();
-    while (goes_on && !wake_.wait_for(lock, beat_period, [this] { return over_; })) goes_on = tell_beat();
+    while (goes_on && !wake_.wait_for(lock, stop, beat_period, [&] { return stop.stop_requested(); }))
+      goes_on = tell_beat();
   }
 
   bool tell_beat() {  // with the lock
@@ -79,10 +70,9 @@ class EventPipe final : public Events {
 
   Frames frames_;
   std::mutex mutex_;
-  std::condition_variable wake_;
-  bool over_ = false;
+  std::condition_variable_any wake_;
   std::string doing_;
-  std::thread beating_;
+  std::jthread beating_;  // last: it uses the rest
 };
 
 // Reads orders and has them obeyed, until there is a reason to leave.
@@ -120,9 +110,7 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
   dup2(STDERR_FILENO, STDOUT_FILENO);
 
   static std::atomic<int> code{0};
-  struct sigaction leave {};
-  leave.sa_handler = [](int) { _exit(code); };
-  sigaction(SIGALRM, &leave, nullptr);
+  std::signal(SIGALRM, [](int) { _exit(code); });
   {
     EventPipe pipe(STDIN_FILENO, out);
     const auto fail = [&](int exit, const std::string& message, bool unanswered = false) {

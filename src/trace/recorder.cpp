@@ -114,12 +114,7 @@ class Recorder::Drain {
     }
   }
   ~Drain() {
-    {
-      const std::lock_guard lock(mutex_);
-      over_ = true;
-    }
-    wake_.notify_all();
-    thread_.join();
+    thread_ = {};  // stops it and waits
     give_back();
   }
   Drain(const Drain&) = delete;
@@ -181,10 +176,10 @@ class Recorder::Drain {
           tracefs_.open(fmt::format("{}per_cpu/cpu{}/trace_pipe_raw", root, cpu), O_RDONLY | O_NONBLOCK));
     for (const auto& [file, text] : decoder_.settings()) tracefs_.write(root + file, text);
     begun_ns_ = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
-    thread_ = std::thread([this] { work(); });
+    thread_ = std::jthread([this](const std::stop_token& stop) { work(stop); });
   }
 
-  void work() {
+  void work(const std::stop_token& stop) {
     sigset_t all;  // signals are for the threads that were there before
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, nullptr);
@@ -192,7 +187,7 @@ class Recorder::Drain {
     const sched_param none{};
     sched_setscheduler(0, SCHED_BATCH, &none);  // it pre-empts nothing that is measured
     std::unique_lock lock(mutex_);
-    while (!wake_.wait_for(lock, look, [this] { return over_; })) read();
+    while (!wake_.wait_for(lock, stop, look, [&] { return stop.stop_requested(); })) read();
   }
 
   void read() {
@@ -232,13 +227,12 @@ class Recorder::Drain {
   const Tracefs tracefs_;
   Decoder decoder_;
   std::mutex mutex_;  // of what follows
-  std::condition_variable wake_;
-  bool over_ = false;
+  std::condition_variable_any wake_;
   std::int64_t begun_ns_ = 0;
   std::vector<process::Fd> pipes_;  // of each CPU
   std::vector<std::byte> page_ = std::vector<std::byte>(page_bytes);
   Ring ring_;
-  std::thread thread_;
+  std::jthread thread_;
 };
 
 Recorder::Recorder(journal::Journal& journal, Room room) : drain_(std::make_unique<Drain>(journal, room)) {}
