@@ -26,7 +26,6 @@
 #include <unistd.h>
 
 #include "background/background.hpp"
-#include "process/process.hpp"
 #include "realtime/privileges.hpp"
 
 namespace ontime::background {
@@ -220,15 +219,8 @@ std::string output_of(const std::vector<std::string>& command, const std::string
                             std::generic_category().message(started.error)));
   }
   const Child child(started.pid);
-  siginfo_t info{};
-  wait_until(
-      [&] {
-        return waitid(P_PID, static_cast<id_t>(started.pid), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
-               info.si_pid == started.pid;
-      },
-      limit);
-  if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
-  const bool ended = info.si_pid == started.pid;
+  const bool ended = wait_until([&] { return child.ended(); }, limit);
+  if (child.exit_code() == 0) return output.text();
   throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "timed out",
                           output.text().substr(0, 2000)));
 }

@@ -5,7 +5,6 @@
 #include <array>
 #include <cerrno>
 #include <filesystem>
-#include <iterator>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -14,7 +13,6 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
-#include "journal/journal.hpp"
 #include "json.hpp"
 
 namespace ontime::background {
@@ -193,10 +191,9 @@ std::vector<json> nft_list(const std::string& kind) {
   return all;
 }
 
-std::string tc(const std::vector<std::string>& arguments) {
-  std::vector<std::string> command = {"tc"};
-  command.insert(command.end(), arguments.begin(), arguments.end());
-  return output_of(command, "iproute2");
+std::string tc(std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), "tc");
+  return output_of(arguments, "iproute2");
 }
 
 const char* const our_qdisc_handle = "6f74:";

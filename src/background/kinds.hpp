@@ -18,7 +18,7 @@ std::string nft(const std::string& commands);
 std::vector<nlohmann::json> nft_list(const std::string& kind);
 
 // Runs iproute2's `tc` in the caller's network namespace, and returns its output. Throws Error if it fails.
-std::string tc(const std::vector<std::string>& arguments);
+std::string tc(std::vector<std::string> arguments);
 
 // An nftables table: "NETNS/FAMILY/ontime-NAME". Its value "NAMESPACE:HANDLE" distinguishes it from a later
 // table of that name. It is created empty.

@@ -4,7 +4,6 @@
 #include <chrono>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <system_error>
 #include <utility>
@@ -68,12 +67,9 @@ Error missing() {
 
 // The most that a process has had mapped; 0: it has ended.
 std::uint64_t peak_of(pid_t pid) {
-  std::ifstream status(fmt::format("/proc/{}/status", pid));
-  std::string word;
-  std::uint64_t kilobytes = 0;
-  while (status >> word)
-    if (word == "VmPeak:" && status >> kilobytes) return kilobytes * 1024;
-  return 0;
+  const auto status = process::text_of(fmt::format("/proc/{}/status", pid)).value_or("");
+  const auto peak = process::field(status, "VmPeak");  // "4711 kB"
+  return peak ? std::stoull(*peak) * 1024 : 0;
 }
 
 // What each vm worker has had mapped beside what stress-ng itself has: it works in a child of its own, which
@@ -94,7 +90,8 @@ std::vector<std::uint64_t> mapped_by_vm_workers(pid_t leader) {
 // The sizes of the files of hdd workers: stress-ng removes their names at once, so only /proc shows them.
 class HddFiles {
  public:
-  explicit HddFiles(pid_t leader = -1) {
+  HddFiles() = default;
+  explicit HddFiles(pid_t leader) {
     for (const auto& process : processes())
       if (process.parent == leader && process.name.starts_with("stress-ng-hdd")) largest_[process.pid] = 0;
   }
@@ -143,13 +140,7 @@ class Folder {
 
 class Stress final : public StressLoad {
  public:
-  Stress(std::unique_ptr<Folder> folder, std::unique_ptr<Child> child, long workers, std::uint64_t vm_bytes,
-         HddFiles files)
-      : folder_(std::move(folder)),
-        child_(std::move(child)),
-        workers_(workers),
-        vm_bytes_(vm_bytes),
-        files_(std::move(files)) {}
+  Stress(const Workers&, const std::string& directory, const Groups&);
   bool running() override { return !child_->ended() && children_of(child_->pid()) >= workers_; }
   std::uint64_t vm_bytes() const override { return vm_bytes_; }
   std::optional<std::uint64_t> hdd_bytes() override { return files_.look(); }
@@ -160,54 +151,56 @@ class Stress final : public StressLoad {
   std::unique_ptr<Folder> folder_;  // longer than what is in it
   std::unique_ptr<Child> child_;
   const long workers_;
-  const std::uint64_t vm_bytes_;
+  std::uint64_t vm_bytes_ = 0;
   HddFiles files_;
 };
 
-}  // namespace
-
-std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& directory,
-                                   const Groups& groups) {
-  const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
-  if (wanted == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
+Stress::Stress(const Workers& workers, const std::string& directory, const Groups& groups)
+    : workers_(long{workers.cpu} + workers.vm + workers.io + workers.hdd) {
+  if (workers_ == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
   const auto prefix = as_nobody(true);  // names a missing capability, without which there is no folder either
-  auto folder = std::make_unique<Folder>(directory);
-  const auto command = command_for(workers, prefix, folder->path());
+  folder_ = std::make_unique<Folder>(directory);
+  const auto command = command_for(workers, prefix, folder_->path());
   const process::Memory output;
   const auto started = start(command, output.fd(), groups);
   if (started.error == ENOENT) throw missing();
   if (started.pid < 0)
     throw Error(
         fmt::format("stress-ng cannot be started: {}", std::generic_category().message(started.error)));
-  auto child = std::make_unique<Child>(started.pid);
+  child_ = std::make_unique<Child>(started.pid);
   long running = 0;
   std::vector<std::uint64_t> mapped;
   const auto all_run = [&] {
-    running = children_of(child->pid());
-    mapped = mapped_by_vm_workers(child->pid());
-    return running >= wanted && std::count_if(mapped.begin(), mapped.end(), [&](auto bytes) {
-                                  return bytes >= workers.vm_bytes;
-                                }) >= workers.vm;
+    running = children_of(child_->pid());
+    mapped = mapped_by_vm_workers(child_->pid());
+    const auto is_whole = [&](auto bytes) { return bytes >= workers.vm_bytes; };
+    return running >= workers_ && std::ranges::count_if(mapped, is_whole) >= workers.vm;
   };
-  wait_until([&] { return child->ended() || all_run(); }, longest_start);
-  if (!child->ended() && all_run()) {
-    const auto smallest = mapped.empty() ? 0 : *std::min_element(mapped.begin(), mapped.end());
-    HddFiles files(child->pid());
+  wait_until([&] { return child_->ended() || all_run(); }, longest_start);
+  if (!child_->ended() && all_run()) {
+    vm_bytes_ = mapped.empty() ? 0 : std::ranges::min(mapped);
+    files_ = HddFiles(child_->pid());
+    const auto written = [&] { return files_.look().value_or(workers.hdd_bytes) >= workers.hdd_bytes; };
     if (workers.hdd > 0 && workers.hdd_bytes <= small_file_bytes)
-      wait_until(
-          [&] { return child->ended() || files.look().value_or(workers.hdd_bytes) >= workers.hdd_bytes; },
-          longest_look);
-    return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest, std::move(files));
+      wait_until([&] { return child_->ended() || written(); }, longest_look);
+    return;
   }
-  auto what = child->ended()     ? "ended at once"
-              : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)
-                                 : fmt::format("maps {} bytes in its vm workers, requested {} each",
-                                               fmt::join(mapped, ", "), workers.vm_bytes);
-  const auto code = child->exit_code();
-  child.reset();
+  auto what = child_->ended()      ? "ended at once"
+              : running < workers_ ? fmt::format("runs only {} of {} workers", running, workers_)
+                                   : fmt::format("maps {} bytes in its vm workers, requested {} each",
+                                                 fmt::join(mapped, ", "), workers.vm_bytes);
+  const auto code = child_->exit_code();
+  child_.reset();
   const auto said = output.text();
   if (is_of_missing_program(code, said)) throw missing();
   throw Error(fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said));
+}
+
+}  // namespace
+
+std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& directory,
+                                   const Groups& groups) {
+  return std::make_unique<Stress>(workers, directory, groups);
 }
 
 }  // namespace ontime::background
