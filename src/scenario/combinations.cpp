@@ -2,10 +2,8 @@
 #include "scenario/combinations.hpp"
 
 #include <algorithm>
-#include <map>
 #include <set>
 #include <stdexcept>
-#include <string_view>
 
 #include <fmt/format.h>
 
@@ -25,7 +23,7 @@ void check_behind_a_bridge(const std::string& path, const Hosts& hosts) {
   for (const auto* of_ports :
        {"kernel.gro", "kernel.threaded-napi", "kernel.napi-threads", "kernel.napi-cpus"})
     if (path == of_ports)
-      throw std::invalid_argument(
+      refuse(
           "a bridge joins several components in namespaces and receives no packets itself: leave out this "
           "key or components");
 }
@@ -36,9 +34,8 @@ void check_addresses(const Together& all, const Hosts& hosts) {
   const auto check = [](auto& names, const std::string& reason, const std::string& address, const Run& run) {
     if (address.empty()) return;
     if (const auto [other, is_first] = names.emplace(address, run.component); !is_first)
-      throw std::invalid_argument(
-          fmt::format("{} and {} have the same address, {}: each component needs its own {}", other->second,
-                      run.component, address, reason));
+      refuse("{} and {} have the same address, {}: each component needs its own {}", other->second,
+             run.component, address, reason);
   };
   for (const auto& run : all) {
     const auto& address = hosts.at(run.component).address;
@@ -53,11 +50,11 @@ void check_queues(const Together& all) {
   for (const auto& run : all) {
     if (!is_past_the_kernel(run.task.transport)) continue;
     if (first != nullptr)
-      throw std::invalid_argument(
-          fmt::format("over {}, {} and {} need a queue each, but the controller has one for both. Use {} for "
-                      "all but one",
-                      run.task.transport, first->component, run.component,
-                      other_transports(&transport::Capabilities::past_the_kernel, false)));
+      refuse(
+          "over {}, {} and {} need a queue each, but the controller has one for both. Use {} for "
+          "all but one",
+          run.task.transport, first->component, run.component,
+          other_transports(&transport::Capabilities::past_the_kernel, false));
     first = &run;
   }
 }
@@ -118,8 +115,10 @@ class Combinations {
   }
 
  private:
-  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
-    fail_at(origin_.file, node.Mark(), message);
+  template <class... Values>
+  [[noreturn]] void fail(const YAML::Node& node, fmt::format_string<Values...> text,
+                         Values&&... values) const {
+    fail_at(origin_.file, node.Mark(), text, std::forward<Values>(values)...);
   }
 
   void add_selected(Entries& entries) const {
@@ -165,16 +164,17 @@ class Combinations {
       choices.push_back({chosen->second, node});
     } else if (node.IsSequence()) {
       for (const auto& element : node) choices.push_back({scalar_of(origin_.file, element, path), element});
-      if (choices.empty()) fail(node, path + ": the list is empty");
+      if (choices.empty()) fail(node, "{}: the list is empty", path);
     } else {
       choices.push_back({scalar_of(origin_.file, node, path), node});
     }
     std::map<std::string, std::string> seen;
-    for (const auto& [value, where] : choices)
-      if (const auto [first, is_new] = seen.emplace(value_of(key, value), value); !is_new)
-        fail(where, first->second == value
-                        ? fmt::format("{}: '{}' occurs twice", path, value)
-                        : fmt::format("{}: '{}' and '{}' are one value", path, first->second, value));
+    for (const auto& [value, where] : choices) {
+      const auto [first, is_new] = seen.emplace(value_of(key, value), value);
+      if (is_new) continue;
+      if (first->second == value) fail(where, "{}: '{}' occurs twice", path, value);
+      fail(where, "{}: '{}' and '{}' are one value", path, first->second, value);
+    }
     return choices;
   }
 
@@ -195,9 +195,8 @@ class Combinations {
     for (const auto& [path, key, choices, said] : dimensions_) {
       combinations *= choices.size();
       if (origin_.different + combinations > most_different_runs)
-        fail(node_,
-             fmt::format("run '{}': its lists combine to more than {} different runs; split the scenario",
-                         id_, most_different_runs));
+        fail(node_, "run '{}': its lists combine to more than {} different runs; split the scenario", id_,
+             most_different_runs);
       std::size_t longest = 0;
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
       bytes += path.size() + longest + held_beside;
@@ -211,9 +210,8 @@ class Combinations {
     origin_.held += bytes;
     if (origin_.held > most_held)
       fail(node_,
-           fmt::format(
-               "run '{}': the runs up to here hold more than {} MiB of keys and values; split the scenario",
-               id_, most_held >> 20U));
+           "run '{}': the runs up to here hold more than {} MiB of keys and values; split the scenario", id_,
+           most_held >> 20U);
   }
 
   // Makes the searched key the last, so that its values follow one another. False: no key is searched.
@@ -228,9 +226,7 @@ class Combinations {
     const auto path = origin_.keys.current(stated);
     const auto key = at(path);
     if (key == dimensions_.end() || key->choices.size() < 2)
-      fail(node,
-           fmt::format("search: '{}' has no list of values in this run; list them from lightest to heaviest",
-                       path));
+      fail(node, "search: '{}' has no list of values in this run; list them from lightest to heaviest", path);
     if (key->said.key == "transport")
       fail(node, "search: transports have no order from lightest to heaviest");
     check_order(*key);
@@ -252,10 +248,8 @@ class Combinations {
         return;
       }
     if (!std::ranges::is_sorted(quantities) && !std::ranges::is_sorted(quantities, std::ranges::greater()))
-      fail(
-          key.choices.front().node,
-          fmt::format("search: the values of '{}' neither rise nor fall; list them from lightest to heaviest",
-                      key.path));
+      fail(key.choices.front().node,
+           "search: the values of '{}' neither rise nor fall; list them from lightest to heaviest", key.path);
   }
 
   // A run for all components; `own` has one for each if any has keys of its own.
@@ -268,7 +262,7 @@ class Combinations {
       check_addresses(all, origin_.hosts);
       check_queues(all);
     } catch (const std::invalid_argument& error) {
-      fail(node_, fmt::format("run '{}': {}", id_, error.what()));
+      fail(node_, "run '{}': {}", id_, error.what());
     }
     return run;
   }
@@ -293,10 +287,9 @@ class Combinations {
       if (&dimensions_[i] == &dimensions_.back()) run.step.among = run.variant;
       if (choices.size() == 1 || (holds && said.key == "transport")) continue;
       if (holds && said.key.starts_with("qos.") && has_no_qos(run.task.transport))
-        fail(
-            choice.node,
-            fmt::format("{}: {} has no QoS, so these runs would be the same. Fix: state one value, or use {}",
-                        path, run.task.transport, other_transports(&transport::Capabilities::qos, true)));
+        fail(choice.node,
+             "{}: {} has no QoS, so these runs would be the same. Fix: state one value, or use {}", path,
+             run.task.transport, other_transports(&transport::Capabilities::qos, true));
       const auto& name = holds ? said.key : path;
       const bool of_others = !holds && !component.empty();
       auto& text = of_others ? run.beside : run.variant;
@@ -307,8 +300,7 @@ class Combinations {
       complete(run);
       if (origin_.hosts.kind != Hosts::Kind::stated) check_transports(run);
     } catch (const std::invalid_argument& error) {
-      fail(node_,
-           fmt::format("run '{}'{}: {}", id_, component.empty() ? "" : ", " + component, error.what()));
+      fail(node_, "run '{}'{}: {}", id_, component.empty() ? "" : ", " + component, error.what());
     }
     return run;
   }
@@ -329,7 +321,7 @@ class Combinations {
       else
         dimension.key->set(run, choice.value);
     } catch (const std::invalid_argument& error) {
-      fail(choice.node, fmt::format("{}: {}", dimension.path, error.what()));
+      fail(choice.node, "{}: {}", dimension.path, error.what());
     }
   }
 

@@ -40,14 +40,12 @@ void complete_topics(Run& run) {
 void complete_isolation(const Run& run) {
   const auto& wish = run.isolation;
   if (wish.interrupts && wish.cpus.empty())
-    throw std::invalid_argument(
-        "isolation.interrupts needs isolation.cpus: the CPUs to keep free of interrupts");
+    refuse("isolation.interrupts needs isolation.cpus: the CPUs to keep free of interrupts");
   for (const auto* name : {"irq-cpus", "workqueue-cpus"})
     if (wish.interrupts && run.kernel.contains(name))
-      throw std::invalid_argument(
-          fmt::format("isolation.interrupts sets kernel.{}, which is also stated: leave out one", name));
+      refuse("isolation.interrupts sets kernel.{}, which is also stated: leave out one", name);
   if (wish.limits() && run.traffic.priority > 0)
-    throw std::invalid_argument(
+    refuse(
         "quota and weight do not affect a real-time priority: leave out traffic.priority, or "
         "isolation.load-quota and isolation.load-weight");
   if (wish.cpus.empty()) return;
@@ -55,9 +53,8 @@ void complete_isolation(const Run& run) {
   for (const auto& [role, thread] : run.task.realtime.threads)
     for (const int cpu : thread.cpus)
       if (std::ranges::find(kept, cpu) == kept.end())
-        throw std::invalid_argument(
-            fmt::format("threads of role {} cannot run on CPU {}: isolation.cpus restricts both ends to {}",
-                        role, cpu, wish.cpus));
+        refuse("threads of role {} cannot run on CPU {}: isolation.cpus restricts both ends to {}", role, cpu,
+               wish.cpus);
 }
 
 // Whether a transport is known to have (or lack) this capability.
@@ -81,10 +78,9 @@ void check_ends(const Run& run) {
   std::vector<std::string_view> alike;
   for (const auto& one : transport::all_shipped)
     if (may_reach(*can, one.can)) alike.push_back(one.name);
-  throw std::invalid_argument(fmt::format(
-      "{} cannot reach {} on the component: {} has no {}. Fix: leave out component.transport{}", controller,
-      component, is_controller ? controller : component, is_below_ip ? "IP header" : "topics",
-      alike.empty() ? "" : fmt::format(", or use one of: {}", fmt::join(alike, ", "))));
+  refuse("{} cannot reach {} on the component: {} has no {}. Fix: leave out component.transport{}",
+         controller, component, is_controller ? controller : component, is_below_ip ? "IP header" : "topics",
+         alike.empty() ? "" : fmt::format(", or use one of: {}", fmt::join(alike, ", ")));
 }
 
 // Checked before the first run, so that a misspelt option does not fail after hours.
@@ -104,9 +100,8 @@ void check_payload(const Run& run) {
   const auto largest = std::max(task.config.max_payload_bytes, beside);
   for (const auto& name : {task.transport, run.component_transport})
     if (const auto can = transport::declared(name); can && largest > can->max_payload_bytes)
-      throw std::invalid_argument(
-          fmt::format("transport {} carries at most {} bytes of payload; {} were requested", name,
-                      can->max_payload_bytes, largest));
+      refuse("transport {} carries at most {} bytes of payload; {} were requested", name,
+             can->max_payload_bytes, largest);
 }
 
 }  // namespace
@@ -117,19 +112,16 @@ int domain_of_environment() {
   try {
     return static_cast<int>(number_of(id, 0, transport::dds::max_domain));
   } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(
-        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or set the domain", error.what()));
+    refuse("ROS_DOMAIN_ID: {}; correct it, unset it, or set the domain", error.what());
   }
 }
 
 void check_topics(const transport::Config& config) {
   for (const auto& topic : {config.ping_topic, config.pong_topic})
     if (topic.size() > max_topic_length)
-      throw std::invalid_argument(
-          fmt::format("topic {} is longer than {} characters, the limit of ROS 2", topic, max_topic_length));
+      refuse("topic {} is longer than {} characters, the limit of ROS 2", topic, max_topic_length);
   if (config.ping_topic == config.pong_topic)
-    throw std::invalid_argument(
-        fmt::format("topics.ping and topics.pong are both {}: use two names", config.ping_topic));
+    refuse("topics.ping and topics.pong are both {}: use two names", config.ping_topic);
 }
 
 void check_transports(const Run& run) {
@@ -139,8 +131,8 @@ void check_transports(const Run& run) {
     if (std::ranges::find(known, name) != known.end()) continue;
     for (const auto& one : transport::all_shipped)
       if (std::ranges::find(known, one.name) == known.end()) known.emplace_back(one.name);
-    throw std::invalid_argument(fmt::format("unknown transport '{}'{}; known: {}", name,
-                                            spelling::suggestion(name, known), fmt::join(known, ", ")));
+    refuse("unknown transport '{}'{}; known: {}", name, spelling::suggestion(name, known),
+           fmt::join(known, ", "));
   }
 }
 
@@ -234,24 +226,23 @@ Run with_component(Run run, const std::string& name) {
 void complete(Run& run) {
   auto& client = run.task.client;
   if (const auto& own = run.listening; !own.any() && (own.deadline || own.period || own.age))
-    throw std::invalid_argument("listen.deadline, listen.period and listen.age need listen.topics");
-  if (run.task.transport.empty()) throw std::invalid_argument("no transport is set. Fix: transport: udp");
+    refuse("listen.deadline, listen.period and listen.age need listen.topics");
+  if (run.task.transport.empty()) refuse("no transport is set. Fix: transport: udp");
   if (run.component_transport.empty() && !run.component_options.empty())
-    throw std::invalid_argument("component.options needs component.transport");
+    refuse("component.options needs component.transport");
   if (run.explain && run.component_restart)
-    throw std::invalid_argument(
+    refuse(
         "explain identifies the server's threads by id, and a restart changes the ids: leave out explain or "
         "component.restart");
   if (run.security != Security::off && is_known(run.task.transport, &Capabilities::security, false))
-    throw std::invalid_argument(fmt::format("transport {} has no DDS Security: leave out security, or use {}",
-                                            run.task.transport,
-                                            other_transports(&Capabilities::security, true)));
+    refuse("transport {} has no DDS Security: leave out security, or use {}", run.task.transport,
+           other_transports(&Capabilities::security, true));
   if (run.security != Security::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
-    throw std::invalid_argument(
-        fmt::format("security needs the same transport at both ends: DDS of two vendors may not authenticate "
-                    "each other. Leave out security or component.transport ({})",
-                    run.component_transport));
+    refuse(
+        "security needs the same transport at both ends: DDS of two vendors may not authenticate "
+        "each other. Leave out security or component.transport ({})",
+        run.component_transport);
   if (const auto why = why_not_by_its_transports(run); !why.empty()) throw std::invalid_argument(why);
   if (has_no_qos(run.task.transport)) run.task.config.qos = {};  // which would look like a condition
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
@@ -263,17 +254,14 @@ void complete(Run& run) {
   check_options(run);
   check_payload(run);
   if (client.deadline > client.timeout)
-    throw std::invalid_argument(
-        fmt::format("deadline ({}) is longer than timeout ({}): no message could be late",
-                    text_of(client.deadline), text_of(client.timeout)));
+    refuse("deadline ({}) is longer than timeout ({}): no message could be late", text_of(client.deadline),
+           text_of(client.timeout));
   if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
-    throw std::invalid_argument(
-        "more than 500000 messages could be in flight: use a longer period or a shorter timeout");
+    refuse("more than 500000 messages could be in flight: use a longer period or a shorter timeout");
   for (auto& [role, thread] : run.task.realtime.threads) {
     const bool has_priority = thread.policy == Policy::fifo || thread.policy == Policy::round_robin;
     if (thread.priority != 0 && !has_priority)
-      throw std::invalid_argument(
-          fmt::format("threads of role {}: a priority needs policy fifo or rr", role));
+      refuse("threads of role {}: a priority needs policy fifo or rr", role);
     if (thread.policy != Policy::deadline) continue;
     thread.period = thread.deadline = client.period;
     thread.runtime = client.period / 10;

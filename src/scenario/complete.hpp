@@ -2,11 +2,20 @@
 // Checks of keys that depend on one another. All throw std::invalid_argument, for people.
 #pragma once
 
+#include <stdexcept>
 #include <string>
+#include <utility>
+
+#include <fmt/format.h>
 
 #include "scenario/scenario.hpp"
 
 namespace ontime::scenario {
+
+template <class... Values>
+[[noreturn]] void refuse(fmt::format_string<Values...> text, Values&&... values) {
+  throw std::invalid_argument(fmt::format(text, std::forward<Values>(values)...));
+}
 
 // Concurrent traffic, link faults and background topics.
 void complete_network(Run&);

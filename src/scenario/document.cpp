@@ -9,14 +9,12 @@
 #include <set>
 #include <sstream>
 #include <system_error>
-#include <vector>
 
 #include <boost/locale/utf.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <yaml-cpp/eventhandler.h>
 
-#include "scenario/scenario.hpp"
 #include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
@@ -53,9 +51,8 @@ void check_characters(const std::string& file, const std::string& text) {
       static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(wrong), '\n'));
   mark.column = static_cast<int>(wrong - (line_begin == text.npos ? 0 : line_begin + 1));
   const auto byte = static_cast<unsigned char>(text[wrong]);
-  fail_at(file, mark,
-          fmt::format("byte 0x{:02x} is {}; a scenario is text in UTF-8", byte,
-                      byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
+  fail_at(file, mark, "byte 0x{:02x} is {}; a scenario is text in UTF-8", byte,
+          byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8");
 }
 
 // Counts what the parser finds, and stops it at the limits.
@@ -151,7 +148,7 @@ class Bounds final : public YAML::EventHandler {
   auto mark = error.mark;
   if (const auto tab = line.find('\t'); tab != line.npos && line.find_first_not_of(" -") == tab) {
     mark.column = static_cast<int>(tab);
-    fail_at(file, mark, fmt::format("this line begins with a tab; YAML needs spaces ({})", error.msg));
+    fail_at(file, mark, "this line begins with a tab; YAML needs spaces ({})", error.msg);
   }
   const bool of_map = error.msg == YAML::ErrorMsg::END_OF_MAP_FLOW;
   const bool in_bracket = of_map || error.msg == YAML::ErrorMsg::END_OF_SEQ_FLOW;
@@ -167,16 +164,12 @@ class Bounds final : public YAML::EventHandler {
             "follows ':' or '-' above");
   if (in_bracket)
     fail_at(file, bounds.innermost(),
-            fmt::format("this {} is not closed: a {} or a comma is missing before line {}, column {}",
-                        of_map ? '{' : '[', of_map ? '}' : ']', mark.line + 1, mark.column + 1));
-  fail_at(file, mark, error.msg);
+            "this {} is not closed: a {} or a comma is missing before line {}, column {}", of_map ? '{' : '[',
+            of_map ? '}' : ']', mark.line + 1, mark.column + 1);
+  fail_at(file, mark, "{}", error.msg);
 }
 
 }  // namespace
-
-void fail_at(const std::string& file, const YAML::Mark& mark, const std::string& message) {
-  throw Error(fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
-}
 
 std::string meant_of(const std::string& key, const std::vector<std::string>& keys) {
   const auto meant = spelling::suggestion(key, keys);
@@ -184,7 +177,8 @@ std::string meant_of(const std::string& key, const std::vector<std::string>& key
 }
 
 std::string scalar_of(const std::string& file, const YAML::Node& node, const std::string& key) {
-  if (!node.IsScalar() || node.Scalar().empty()) fail_at(file, node.Mark(), key + ": a value is needed here");
+  if (!node.IsScalar() || node.Scalar().empty())
+    fail_at(file, node.Mark(), "{}: a value is needed here", key);
   return node.Scalar();
 }
 
@@ -196,7 +190,7 @@ void once_each(const std::string& file, const YAML::Node& map) {
       fail_at(file, entry.first.Mark(),
               "merge keys (<<) are not supported. Fix: move keys that all runs share to `defaults`");
     if (!seen.insert(entry.first.Scalar()).second)
-      fail_at(file, entry.first.Mark(), fmt::format("'{}' occurs twice", entry.first.Scalar()));
+      fail_at(file, entry.first.Mark(), "'{}' occurs twice", entry.first.Scalar());
   }
 }
 

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <string>
+#include <utility>
 #include <vector>
 
+#include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
 #include "scenario/scenario.hpp"
@@ -12,7 +14,12 @@
 namespace ontime::scenario {
 
 // Throws Error: file, line, column, message.
-[[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
+template <class... Values>
+[[noreturn]] void fail_at(const std::string& file, const YAML::Mark& mark,
+                          fmt::format_string<Values...> message, Values&&... values) {
+  throw Error(fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1,
+                          fmt::format(message, std::forward<Values>(values)...)));
+}
 
 // For a mistyped key: " (did you mean 'transport'?)", or else "; allowed keys: …".
 std::string meant_of(const std::string& key, const std::vector<std::string>& keys);

@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "scenario/document.hpp"
 #include "spelling/spelling.hpp"
 
 namespace ontime::scenario {
@@ -38,8 +37,8 @@ class HostsOfFile {
       else if (name == "component")
         fail(entry.first, "hosts: component and components exclude each other: move component to components");
       else
-        fail(entry.first, fmt::format("hosts: unknown host '{}'{}; allowed hosts: controller, component",
-                                      name, spelling::suggestion(name, {"controller", "component"})));
+        fail(entry.first, "hosts: unknown host '{}'{}; allowed hosts: controller, component", name,
+             spelling::suggestion(name, {"controller", "component"}));
     }
     if (component.address.empty() && !names_components)
       fail(node, "hosts: component.address is missing: the controller sends to it");
@@ -51,43 +50,44 @@ class HostsOfFile {
     if (hosts_.kind == Hosts::Kind::loopback)
       fail(node, "components: loopback has one component; for several use hosts: namespaces");
     if (stated ? !node.IsMap() : !node.IsSequence())
-      fail(node, stated ? "components: where hosts is a map, a map of names and hosts is needed: {arm: "
-                          "{address: …}, base: {address: …}}"
-                        : "components: a list of names is needed, such as [arm, base]; to set their "
-                          "addresses, add hosts: {controller: …}");
+      fail(node, "{}",
+           stated ? "components: where hosts is a map, a map of names and hosts is needed: {arm: "
+                    "{address: …}, base: {address: …}}"
+                  : "components: a list of names is needed, such as [arm, base]; to set their "
+                    "addresses, add hosts: {controller: …}");
     hosts_.components.clear();
     if (stated) once_each(file_, node);
     for (const auto& entry : node) {
       const auto& name = stated ? entry.first : entry;
       hosts_.components.push_back({name_of(name), stated ? host_of(entry.second) : Host{}});
       if (stated && hosts_.components.back().host.address.empty())
-        fail(name,
-             fmt::format("components: {}.address is missing: the controller sends to it", name.Scalar()));
+        fail(name, "components: {}.address is missing: the controller sends to it", name.Scalar());
     }
     if (hosts_.components.empty() || hosts_.components.size() > most_components)
-      fail(node, fmt::format("components: {} names; 1 to {} are allowed", hosts_.components.size(),
-                             most_components));
+      fail(node, "components: {} names; 1 to {} are allowed", hosts_.components.size(), most_components);
   }
 
   void read_wire(const YAML::Node& node) {
     if (hosts_.kind != Hosts::Kind::namespaces || hosts_.components.size() > 1)
       fail(node, "wire: it needs hosts: namespaces with one component");
     if (!node.IsMap() || node.size() == 0)
-      fail(node, "wire: it needs a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
+      fail(node, "wire: it needs a rate, a vlan, or both: {{rate: 10 Mbit/s, vlan: 5}}");
     read_keys(node, "wire.", conditions::wire_keys(), hosts_.wire);
   }
 
   Hosts take() { return std::move(hosts_); }
 
  private:
-  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
-    fail_at(file_, node.Mark(), message);
+  template <class... Values>
+  [[noreturn]] void fail(const YAML::Node& node, fmt::format_string<Values...> text,
+                         Values&&... values) const {
+    fail_at(file_, node.Mark(), text, std::forward<Values>(values)...);
   }
 
   void read_kind(const YAML::Node& node) {
     if (node.Scalar() != "namespaces" && node.Scalar() != "loopback")
-      fail(node, fmt::format("hosts: '{}' is not namespaces, loopback, or a map of controller and component",
-                             node.Scalar()));
+      fail(node, "hosts: '{}' is not namespaces, loopback, or a map of controller and component",
+           node.Scalar());
     hosts_.kind = node.Scalar() == "loopback" ? Hosts::Kind::loopback : Hosts::Kind::namespaces;
   }
 
@@ -106,14 +106,15 @@ class HostsOfFile {
     auto name = scalar_of(file_, node, "components");
     const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_'; };
     if (name.size() > longest_name || !std::all_of(name.begin(), name.end(), plain) || name[0] < 'a')
-      fail(node, fmt::format("components: '{}' is not a name of at most {} lower-case letters, digits and _, "
-                             "starting with a letter",
-                             name, longest_name));
+      fail(node,
+           "components: '{}' is not a name of at most {} lower-case letters, digits and _, "
+           "starting with a letter",
+           name, longest_name);
     if (has_a_meaning(name))
-      fail(node, fmt::format("components: '{}' is already the name of a key; choose another", name));
+      fail(node, "components: '{}' is already the name of a key; choose another", name);
     const auto same = [&](const auto& component) { return component.name == name; };
     if (std::any_of(hosts_.components.begin(), hosts_.components.end(), same))
-      fail(node, fmt::format("components: '{}' occurs twice", name));
+      fail(node, "components: '{}' occurs twice", name);
     return name;
   }
 
@@ -135,8 +136,7 @@ class HostsOfFile {
     std::vector<std::string> allowed;
     allowed.reserve(keys.size());
     for (const auto& key : keys) allowed.push_back(key.path);
-    if (!node.IsMap())
-      fail(node, fmt::format("keys and values are needed here: {}", fmt::join(allowed, ", ")));
+    if (!node.IsMap()) fail(node, "keys and values are needed here: {}", fmt::join(allowed, ", "));
     once_each(file_, node);
     std::set<std::string> read;
     for (const auto& entry : node) {
@@ -144,16 +144,15 @@ class HostsOfFile {
       const auto stated = name.Scalar();
       const auto is_it = [&](const auto& key) { return key.path == stated || key.earlier == stated; };
       const auto key = std::ranges::find_if(keys, is_it);
-      if (key == keys.end())
-        fail(name, fmt::format("unknown key '{}{}'{}", above, stated, meant_of(stated, allowed)));
+      if (key == keys.end()) fail(name, "unknown key '{}{}'{}", above, stated, meant_of(stated, allowed));
       if (key->path != stated) note_renamed(notices_, file_, name.Mark(), stated, key->path);
       const auto path = above + key->path;
-      if (!read.insert(path).second) fail(name, fmt::format("'{}' occurs twice", path));
+      if (!read.insert(path).second) fail(name, "'{}' occurs twice", path);
       const auto words = words_of(value, path, key->is_list);
       try {
         key->set(of, words);
       } catch (const std::invalid_argument& error) {
-        fail(value, fmt::format("{}: {}", path, error.what()));
+        fail(value, "{}: {}", path, error.what());
       }
     }
   }
@@ -161,7 +160,7 @@ class HostsOfFile {
   std::vector<std::string> words_of(const YAML::Node& node, const std::string& key, bool is_list) const {
     if (!is_list) return {scalar_of(file_, node, key)};
     if (!node.IsSequence())
-      fail(node, key + ": a list of words is needed, such as [sudo, -n]; they run as a program");
+      fail(node, "{}: a list of words is needed, such as [sudo, -n]; they run as a program", key);
     std::vector<std::string> words;
     for (const auto& word : node) words.push_back(scalar_of(file_, word, key));
     return words;

@@ -114,13 +114,13 @@ std::string RunKeys::meant_of(const std::string& path, const std::string& key) c
 void RunKeys::check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const {
   const auto key = divided(path).key;
   if (key.empty() || key == "options" || key == "component.options" || !key_below(key).empty()) return;
-  if (is_of_a_run(key)) fail_at(file_, map.Mark(), path + ": a value is needed here");
-  fail_at(file_, name.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(path, key)));
+  if (is_of_a_run(key)) fail_at(file_, map.Mark(), "{}: a value is needed here", path);
+  fail_at(file_, name.Mark(), "unknown key '{}'{}", path, meant_of(path, key));
 }
 
 void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
   if (!node.IsMap())
-    fail_at(file_, node.Mark(),
+    fail_at(file_, node.Mark(), "{}",
             prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
   once_each(file_, node);
   for (const auto& entry : node) {
@@ -136,19 +136,17 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     const auto [component, key] = divided(path);
     if (!component.empty() && key.empty())
       fail_at(file_, entry.first.Mark(),
-              fmt::format("{0}: keys of this component are needed here, such as {0}: {{period: 2 ms}}",
-                          component));
+              "{0}: keys of this component are needed here, such as {0}: {{period: 2 ms}}", component);
     if (!is_of_a_run(key)) {
       if (const auto below = key_below(key); !below.empty())
-        fail_at(file_, entry.second.Mark(),
-                fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
-      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, meant_of(path, key)));
+        fail_at(file_, entry.second.Mark(), "{0}: keys and values are needed here, such as {0}: {{{1}: …}}",
+                path, below);
+      fail_at(file_, entry.first.Mark(), "unknown key '{}'{}", path, meant_of(path, key));
     }
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
-      fail_at(file_, entry.first.Mark(),
-              fmt::format("{}: cannot be set for one component: {}", path, reason));
+      fail_at(file_, entry.first.Mark(), "{}: cannot be set for one component: {}", path, reason);
     if (!entries.emplace(path, entry.second).second)
-      fail_at(file_, entry.first.Mark(), fmt::format("'{}' occurs twice", path));
+      fail_at(file_, entry.first.Mark(), "'{}' occurs twice", path);
   }
 }
 

@@ -4,10 +4,7 @@
 
 #include <algorithm>
 #include <iterator>
-#include <map>
 #include <set>
-#include <stdexcept>
-#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -73,7 +70,7 @@ class File {
     once_each(scenario_.file, root);
     for (const auto& entry : root)
       if (const auto key = entry.first.Scalar(); std::ranges::find(file_keys, key) == file_keys.end())
-        fail(entry.first, fmt::format("unknown key '{}'{}", key, meant_in_file(key)));
+        fail(entry.first, "unknown key '{}'{}", key, meant_in_file(key));
     if (const auto title = root["title"]) scenario_.title = scalar(title, "title");
     if (const auto order = root["order"]) scenario_.interleaved = read_order(order);
     const auto runs = root["runs"], components = root["components"];
@@ -98,8 +95,10 @@ class File {
   const std::set<std::string>& ids() const { return ids_; }  // selected or not
 
  private:
-  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
-    fail_at(scenario_.file, node.Mark(), message);
+  template <class... Values>
+  [[noreturn]] void fail(const YAML::Node& node, fmt::format_string<Values...> text,
+                         Values&&... values) const {
+    fail_at(scenario_.file, node.Mark(), text, std::forward<Values>(values)...);
   }
 
   std::string scalar(const YAML::Node& node, const std::string& key) const {
@@ -128,7 +127,7 @@ class File {
   bool read_order(const YAML::Node& node) const {
     const auto word = scalar(node, "order");
     if (word != "interleaved" && word != "sequential")
-      fail(node, fmt::format("order: '{}' is neither interleaved nor sequential", word));
+      fail(node, "order: '{}' is neither interleaved nor sequential", word);
     return word == "interleaved";
   }
 
@@ -136,11 +135,11 @@ class File {
     try {
       scenario_.repeat = static_cast<int>(number_of(scalar(node, "repeat"), 1, most_runs));
     } catch (const std::invalid_argument& error) {
-      fail(node, fmt::format("repeat: {}", error.what()));
+      fail(node, "repeat: {}", error.what());
     }
     if (scenario_.size() > most_runs)
-      fail(node, fmt::format("repeat: {} runs, {} times, are {}; a scenario has at most {}",
-                             scenario_.runs.size(), scenario_.repeat, scenario_.size(), most_runs));
+      fail(node, "repeat: {} runs, {} times, are {}; a scenario has at most {}", scenario_.runs.size(),
+           scenario_.repeat, scenario_.size(), most_runs);
   }
 
   void read_run(const YAML::Node& node, const Entries& defaults, Origin& origin) {
@@ -149,8 +148,8 @@ class File {
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
     if (const auto flaw = conditions::flaw_of_id(id); !flaw.empty())
-      fail(own["id"], fmt::format("id: '{}': {}", id, flaw));
-    if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
+      fail(own["id"], "id: '{}': {}", id, flaw);
+    if (!ids_.insert(id).second) fail(own["id"], "there is another run with id '{}'", id);
     own.erase("id");
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
     if (const auto below = own.find("baseline"); below != own.end())
@@ -164,8 +163,8 @@ class File {
 
   void check_baseline(const YAML::Node& node) const {
     if (const auto id = scalar(node, "baseline"); !ids_.contains(id))
-      fail(node, fmt::format("baseline: no run has the id '{}'{}; there are: {}", id,
-                             spelling::suggestion(id, {ids_.begin(), ids_.end()}), some_of(ids_)));
+      fail(node, "baseline: no run has the id '{}'{}; there are: {}", id,
+           spelling::suggestion(id, {ids_.begin(), ids_.end()}), some_of(ids_));
   }
 
   struct Step {  // on the way down from a run to its baselines
@@ -206,8 +205,7 @@ class File {
     const auto first = std::ranges::find(way, id, &Step::id);
     std::string circle;
     for (auto step = first; step != way.end(); ++step) circle += step->id + " → ";
-    fail(first->below[first->next - 1],
-         fmt::format("baseline: the baselines form a circle: {}{}", circle, id));
+    fail(first->below[first->next - 1], "baseline: the baselines form a circle: {}{}", circle, id);
   }
 
   Required take_require(Entries& entries, const RunKeys& keys) const {
@@ -236,15 +234,14 @@ class File {
       try {
         gate::parse(gates.back(), gate::Use::require);
       } catch (const gate::Error& error) {
-        fail(gate, fmt::format("require: '{}', {}", gates.back(), error.what()));
+        fail(gate, "require: '{}', {}", gates.back(), error.what());
       }
     };
     if (!node.IsSequence())
       read(node);
     else
       for (const auto& gate : node) read(gate);
-    if (gates.size() > most_required)
-      fail(node, fmt::format("require: at most {} gates per run", most_required));
+    if (gates.size() > most_required) fail(node, "require: at most {} gates per run", most_required);
     return gates;
   }
 
