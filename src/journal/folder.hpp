@@ -8,8 +8,6 @@
 #include <utility>
 #include <vector>
 
-#include <unistd.h>
-
 #include "journal/journal.hpp"
 #include "process/process.hpp"
 

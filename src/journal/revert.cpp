@@ -2,14 +2,12 @@
 #include "journal/revert.hpp"
 
 #include <algorithm>
-#include <functional>
 #include <iterator>
 #include <set>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include "journal/format.hpp"
 #include "journal/kinds.hpp"
 #include "journal/place.hpp"
 
@@ -86,23 +84,19 @@ bool is_of(const One& one, const Entry& entry) {
 
 // Several changes of the same thing are reported once: with the last result.
 struct Told {
-  std::vector<const Entry*> of;
-  std::vector<std::string> lines;
+  std::vector<std::pair<const Entry*, std::string>> all;
 
   void say(const Entry& entry, std::string line) {
-    const auto known = std::ranges::find_if(of, [&](const Entry* one) { return is_of(*one, entry); });
-    const auto index = static_cast<std::size_t>(known - of.begin());
-    if (known == of.end()) {
-      of.push_back(&entry);
-      lines.emplace_back();
-    }
-    lines[index] = std::move(line);
+    const auto known = std::ranges::find_if(all, [&](const auto& one) { return is_of(*one.first, entry); });
+    (known == all.end() ? all.emplace_back(&entry, "") : *known).second = std::move(line);
   }
   void forget(const Entry& entry) {
-    const auto known = std::ranges::find_if(of, [&](const Entry* one) { return is_of(*one, entry); });
-    if (known == of.end()) return;
-    lines.erase(lines.begin() + (known - of.begin()));
-    of.erase(known);
+    std::erase_if(all, [&](const auto& one) { return is_of(*one.first, entry); });
+  }
+  std::vector<std::string> lines() const {
+    std::vector<std::string> lines;
+    for (const auto& [entry, line] : all) lines.push_back(line);
+    return lines;
   }
 };
 
@@ -160,7 +154,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
       left.say(entry, fmt::format("{} {}", error.what(), by_hand(path)));
     }
   }
-  return {.done = std::move(done.lines), .left = std::move(left.lines)};
+  return {.done = done.lines(), .left = left.lines()};
 }
 
 // Removes undone entries at its end, and an incomplete last line, which would spoil the next line. Returns
