@@ -351,13 +351,9 @@ void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns
 
 std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {
   const auto& name = message.topic->name;
-  std::int64_t written_ns = message.published_ns;
-  if (message.stamp_ns) {
-    written_ns = *message.stamp_ns;
-    if (written_ns == 0) unset_.add(name);
-  }
+  const auto written_ns = written_of(message);
   if (written_ns == 0) {
-    if (!message.stamp_ns) timeless_.add(name);
+    (message.stamp_ns ? unset_ : timeless_).add(name);
     return {};
   }
   stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
@@ -386,9 +382,7 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
                .topic = stream.topic,
                .writer = stream.writer,
                .reader = stream.reader,
-               .course = {},
-               .flow = stream.id,
-               .why = {}});
+               .flow = stream.id});
 }
 
 listen::Flow Judge::flow_of(const Stream& stream) {

@@ -214,8 +214,6 @@ class Mcap final : public Reader {
     message.sequence = read_number<std::uint32_t>(body);
     message.recorded_ns = time_of(read_number<std::uint64_t>(body));
     message.published_ns = time_of(read_number<std::uint64_t>(body));
-    // If the writer gave no time, this is the time of recording.
-    if (message.published_ns == message.recorded_ns) message.published_ns = 0;
     if (message.topic->has_header) {
       std::array<std::byte, stamp_end> begin;
       message.stamp_ns = stamp_of(std::span(begin).first(body.read(begin)));

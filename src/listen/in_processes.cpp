@@ -392,8 +392,7 @@ class InProcesses final : public Sensor {
                                      : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
                      .endpoint = event.endpoint,
                      .process = event.process,
-                     .thread = event.thread,
-                     .writer = {}};
+                     .thread = event.thread};
     lost_ = std::max(lost_, event.lost);
     std::copy(std::begin(event.writer), std::end(event.writer), seen.writer.begin());
     messages_.add(seen);
