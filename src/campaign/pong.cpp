@@ -12,6 +12,7 @@
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
 #include "campaign/pair.hpp"
+#include "campaign/windows.hpp"
 #include "message/message.hpp"
 
 namespace ontime::campaign {
@@ -60,11 +61,6 @@ class Ping {
   }
 
  private:
-  struct Chosen {
-    std::int64_t badness_ns;
-    std::uint64_t message;
-    auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
-  };
   std::uint32_t session_;
   std::optional<Server::Answer> last_;
   // Where messages were lost or skipped the time since the one before is long of itself: each of the two has

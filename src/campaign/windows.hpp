@@ -18,6 +18,13 @@
 
 namespace ontime::campaign {
 
+// A message that is worth a look; ordered by how bad it is.
+struct Chosen {
+  std::int64_t badness_ns;
+  std::uint64_t message;
+  auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
+};
+
 class Windows {
  public:
   // For the run with that number among those that are measured at the same time.
@@ -34,11 +41,6 @@ class Windows {
   void write(record::Writer&, std::int64_t run);
 
  private:
-  struct Chosen {
-    std::int64_t badness_ns;
-    std::uint64_t message;
-    auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
-  };
   void choose(const roundtrip::Sample&);
   void forget(std::uint64_t message);
 
