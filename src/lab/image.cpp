@@ -118,12 +118,7 @@ void Image::write(const Path& file) const {
   const std::unique_ptr<archive_entry, decltype(&archive_entry_free)> header(archive_entry_new(),
                                                                              archive_entry_free);
   for (const auto& [there, entry] : entries_) {
-    std::string content = entry.text;
-    if (!entry.here.empty()) {
-      std::ostringstream read;
-      read << std::ifstream(entry.here, std::ios::binary).rdbuf();
-      content = std::move(read).str();
-    }
+    const auto content = entry.here.empty() ? entry.text : process::text_of(entry.here.string()).value_or("");
     archive_entry_clear(header.get());
     archive_entry_set_pathname(header.get(), there.c_str());
     archive_entry_set_filetype(header.get(), entry.type);

@@ -127,14 +127,12 @@ void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) 
 void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> components) {
   const bool several = components.size() > 1;
   if (several)  // without snooping it floods multicast, as a plain switch does: discovery must not be lost
-    iproute2({"ip", "-netns", controller.name, "link", "add", controller.interface, "type", "bridge",
-              "mcast_snooping", "0"});
+    inside(controller, {"link", "add", controller.interface, "type", "bridge", "mcast_snooping", "0"});
   for (const auto& component : components) {
     const auto leg = leg_to(component.host);
     iproute2({"ip", "link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name",
               component.interface, "netns", component.name});
-    if (several)
-      iproute2({"ip", "-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
+    if (several) inside(controller, {"link", "set", leg, "master", controller.interface, "up"});
   }
 }
 

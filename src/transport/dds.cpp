@@ -106,9 +106,8 @@ std::vector<Task> tasks() {
 
 std::vector<Task> started_since(const std::vector<Task>& before) {
   std::vector<Task> started = tasks();
-  std::erase_if(started, [&](const Task& task) {
-    return std::any_of(before.begin(), before.end(), [&](const Task& old) { return old.tid == task.tid; });
-  });
+  std::erase_if(started,
+                [&](const Task& task) { return std::ranges::count(before, task.tid, &Task::tid) > 0; });
   return started;
 }
 

@@ -100,8 +100,7 @@ auto vendor_qos(const Qos& qos) {
 // A new thread has its parent's name, and sets its own a little later.
 void await_names(const std::vector<dds::Task>& before) {
   const auto all = dds::tasks();
-  const auto self =
-      std::find_if(all.begin(), all.end(), [](const auto& task) { return task.tid == gettid(); });
+  const auto self = std::ranges::find(all, gettid(), &dds::Task::tid);
   const auto unnamed = [&](const dds::Task& task) { return self != all.end() && task.name == self->name; };
   const std::int64_t end_ns = now_ns() + 1'000'000'000;
   for (auto now = dds::started_since(before); std::any_of(now.begin(), now.end(), unnamed);
