@@ -2,7 +2,6 @@
 #include "listen/messages.hpp"
 
 #include <algorithm>
-#include <tuple>
 
 #include <fmt/format.h>
 

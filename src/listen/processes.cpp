@@ -5,8 +5,6 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
-#include <set>
-#include <sstream>
 
 #include <fcntl.h>
 #include <fmt/format.h>
