@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gate/gate.hpp"
 #include "json.hpp"
+#include "report/answer_entries.hpp"
 #include "report_answers.hpp"
 
 namespace ontime::report {

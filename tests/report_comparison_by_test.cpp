@@ -107,6 +107,7 @@ TEST(Compare, KeyIgnoresSettingsThatFollowFromIt) {
         Case{"realtime.lock-memory", said({{"realtime", "on"}}), said({{"realtime.lock-memory", "off"}})},
         Case{"traffic.rate", {}, said({{"traffic.rate", "1 Mbit/s"}})},
         Case{"link.duplicate", {}, said({{"link.duplicate", "1 %"}})},
+        Case{"background", {}, said({{"background.topics", "2"}, {"background.rate", "50 Hz"}})},
         Case{"background.rate", said({{"background.topics", "2"}}),
              said({{"background.topics", "2"}, {"background.rate", "50 Hz"}})},
         Case{"background.direction", said({{"background.topics", "2"}}),

@@ -334,7 +334,18 @@ TEST(Remarks, TellThatNothingWasAnsweredAnyMore) {
   one.unanswered_at_end = 180;
   EXPECT_THAT(remarks(one), HasSubstr("no answers from 3.2 s to the end: 180 messages"));
   one.unanswered_at_end = 9;
+  EXPECT_THAT(remarks(one), HasSubstr("no answers from")) << "it waited for each";
+  one.unanswered_from_ns = 20'200'000'000;  // 0.8 s before the end
   EXPECT_THAT(remarks(one), Not(HasSubstr("no answers from"))) << "they may as well be lost";
+}
+
+TEST(Remarks, RecordingHasNoController) {
+  auto of = asked("/scan", "cyclonedds");
+  of["measures"] = "period";
+  auto facts = outcome();
+  facts["conditions"]["controller"]["cpu_stolen"] = 0.02;
+  facts["hosts"].erase("component");
+  EXPECT_THAT(remarks(summary(of, facts)), HasSubstr("the hypervisor took 2 % of CPU time (steal)"));
 }
 
 TEST(Remarks, SayThatAMachineIsSimulated) {

@@ -352,7 +352,7 @@ std::vector<json::json_pointer> places_of(const std::string& key) {
                                      {"component.options.", "component_options"}})
     if (key.starts_with(path)) return {pointer(member) / key.substr(path.size())};
   const auto* const known = key_named(key);
-  if (known == nullptr) return {pointer(key)};
+  if (known == nullptr) return {pointer(key == "background" ? "neighbours" : key)};  // the record's word
   if (!known->json.empty()) return {pointer(known->json)};
   std::vector<json::json_pointer> places;
   for (const auto& part : known->parts) places.push_back(pointer(part));

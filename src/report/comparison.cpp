@@ -337,9 +337,9 @@ std::string nearest(const Comparison& comparison) {
       if (different.empty() || (least != 0 && different.size() >= least)) continue;
       least = different.size();
       nearest = fmt::format(
-          "Nearest: {} of {} and {} of {}. Different: {}. To compare them anyway: --from {} --to {}",
+          "Nearest: {} of {} and {} of {}. Different: {}. To compare them anyway{}: --from {} --to {}",
           name_of(from), comparison.from_name, name_of(to), comparison.to_name, join(different, "; "),
-          from.front()->run.number, to.front()->run.number);
+          comparison.key.empty() ? "" : " (without --by)", from.front()->run.number, to.front()->run.number);
     }
   return nearest;
 }

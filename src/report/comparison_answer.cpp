@@ -192,9 +192,10 @@ std::string differences_text(const Comparison& comparison) {
     for (auto& difference : other_differences(comparison, pair)) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
-      const auto name = of_a_host              ? words[0] + " " + words[1]
-                        : words[0] == "others" ? "the other components"  // the record's word
-                                               : words[0];
+      const auto name = of_a_host                  ? words[0] + " " + words[1]
+                        : words[0] == "others"     ? "the other components"  // the record's words
+                        : words[0] == "neighbours" ? "background topics"
+                                                   : words[0];
       if (name == "id") continue;
       auto& known = entry_of(kinds, name);
       if (std::ranges::find(known, difference.what, &Difference::what) == known.end())

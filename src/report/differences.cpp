@@ -87,6 +87,12 @@ std::string one_of(const Values& values, const std::string& name, const conditio
   return join(words, " or ");
 }
 
+// The record's words for background topics.
+std::string in_words(const std::string& name) {
+  constexpr std::string_view group = "neighbours";
+  return name.starts_with(group) ? "background topics" + name.substr(group.size()) : name;
+}
+
 // "period: 10 ms → 20 ms", by the key that a record stores there.
 std::string text_of(const std::string& name, const Values& before, const Values& after) {
   const auto& keys = conditions::keys();
@@ -95,7 +101,7 @@ std::string text_of(const std::string& name, const Values& before, const Values&
   const auto from = one_of(before, name, key), to = one_of(after, name, key);
   // Rounded to the digits of a key they may read the same.
   if (key == nullptr || from == to)
-    return fmt::format("{}: {} → {}", name, one_of(before, name), one_of(after, name));
+    return fmt::format("{}: {} → {}", in_words(name), one_of(before, name), one_of(after, name));
   return fmt::format("{}: {} → {}", key->path, from, to);
 }
 

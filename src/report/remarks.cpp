@@ -44,14 +44,19 @@ std::string number_text(double number) {
 }
 std::string milliseconds_text(double ns) { return statistics::time_of(ns, 3); }
 
+// A recording of a robot's messages has no ends.
+bool is_one_machine(const statistics::Summary& summary) {
+  return summary.run.asked.is_listened() || record::on_one_machine(summary.run.outcome);
+}
+
 // A share of each machine's CPUs, from `least` on. `words` has "{}" for it; `whose`: "controller's ", or ""
-// of one machine for both ends.
-void add_of_cpus(std::vector<Remark>& remarks, const Outcome& outcome,
+// of one machine.
+void add_of_cpus(std::vector<Remark>& remarks, const statistics::Summary& summary,
                  std::optional<double> record::Activity::*share, double least,
                  std::string (*words)(const std::string& whose)) {
-  const bool one_machine = record::on_one_machine(outcome);
+  const bool one_machine = is_one_machine(summary);
   for (const auto* host : record::both_hosts) {
-    const auto seen = (find(outcome.conditions, host).*share).value_or(0);
+    const auto seen = (find(summary.run.outcome.conditions, host).*share).value_or(0);
     if (seen < least) continue;
     remarks.push_back(
         {Weight::caution, words(one_machine ? "" : fmt::format("{}'s ", host)), seen, percent_text});
@@ -62,11 +67,9 @@ void add_of_cpus(std::vector<Remark>& remarks, const Outcome& outcome,
 // Delays outside the network and the server: stolen CPU time, and the sender's own wake-up latency.
 constexpr double much_stolen = 0.001;
 void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& summary) {
-  add_of_cpus(remarks, summary.run.outcome, &record::Activity::cpu_stolen, much_stolen,
-              [](const std::string& whose) {
-                return fmt::format("the hypervisor took {{}} of {}CPU time (steal)",
-                                   whose.empty() ? "" : "the " + whose);
-              });
+  add_of_cpus(remarks, summary, &record::Activity::cpu_stolen, much_stolen, [](const std::string& whose) {
+    return fmt::format("the hypervisor took {{}} of {}CPU time (steal)", whose.empty() ? "" : "the " + whose);
+  });
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
   const auto& [took_ns, before, message, after] = summary.shape.worst.front();
   // A cycle that was skipped, or lost its message, may have waited longer for its answer.
@@ -93,22 +96,21 @@ void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& sum
       asked.task.client.schedule == roundtrip::Schedule::back_to_back || polls(asked.task.config.options) ||
       polls(asked.component_options))
     return;
-  add_of_cpus(remarks, summary.run.outcome, &record::Activity::cpu_busy, all_busy,
-              [](const std::string& whose) {
-                return fmt::format("the {}CPUs were {{}} busy, though this run requested no load", whose);
-              });
+  add_of_cpus(remarks, summary, &record::Activity::cpu_busy, all_busy, [](const std::string& whose) {
+    return fmt::format("the {}CPUs were {{}} busy, though this run requested no load", whose);
+  });
 }
 
 // Clock events during the run.
 constexpr double long_s = 0.1;         // more than two clocks are read apart on a busy machine
 constexpr double much_slew_ppm = 500;  // beyond any crystal and the usual correction of a time service
-std::vector<std::string> clocks(const Outcome& outcome) {
+std::vector<std::string> clocks(const statistics::Summary& summary) {
   std::vector<std::string> parts;
-  const bool one_machine = record::on_one_machine(outcome);
+  const bool one_machine = is_one_machine(summary);
   for (const auto* host : record::both_hosts) {
     if (one_machine && host != std::string_view("controller")) continue;
     const std::string machine = one_machine ? "the machine" : fmt::format("the {}'s machine", host);
-    const auto& activity = find(outcome.conditions, host);
+    const auto& activity = find(summary.run.outcome.conditions, host);
     const auto slept = activity.suspended_s.value_or(0), moved = activity.clock_moved_s.value_or(0),
                slewed = activity.clock_slew_ppm.value_or(0);
     if (slept >= long_s)
@@ -219,9 +221,14 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.
-constexpr std::uint64_t surely_gone = 10;  // messages
+// One that waits for each answer sends few messages meanwhile: then time tells.
+constexpr std::uint64_t surely_gone = 10, few = 3;  // messages
 void add_silence(std::vector<Remark>& remarks, const statistics::Summary& summary) {
-  if (summary.unanswered_at_end < surely_gone || summary.unanswered_at_end == summary.sent) return;
+  if (summary.unanswered_at_end < few || summary.unanswered_at_end == summary.sent) return;
+  const auto& client = summary.run.asked.task.client;
+  const auto silent_ns = summary.start_ns + client.duration.count() - summary.unanswered_from_ns;
+  const bool is_long = statistics::is_complete(summary.run) && silent_ns > 2 * client.timeout.count();
+  if (summary.unanswered_at_end < surely_gone && !is_long) return;
   remarks.push_back({Weight::caution, fmt::format("no answers from {:.1f} s to the end: {} messages",
                                                   seconds_into(summary, summary.unanswered_from_ns),
                                                   grouped(summary.unanswered_at_end))});
@@ -284,10 +291,6 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add(Weight::detail, drops_text(outcome));
   add(Weight::detail, link_faults_text(outcome));
   add(Weight::detail, missed_launches_text(outcome));
-  add_taken_away(remarks, summary);
-  add_other_load(remarks, summary);
-  for (const auto& text : clocks(outcome)) add(Weight::caution, text);
-  add_throttling(remarks, summary);
   const auto count = [&](Weight weight, const char* what, std::uint64_t number) {
     if (number > 0)
       remarks.push_back({weight, fmt::format("{}: {{}}", what), static_cast<double>(number), number_text});
@@ -298,6 +301,10 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   const bool is_slower = sent < record::enough_of_request * (sent + skipped);
   count(is_slower ? Weight::caution : Weight::detail,
         is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
+  add_taken_away(remarks, summary);
+  add_other_load(remarks, summary);
+  for (const auto& text : clocks(summary)) add(Weight::caution, text);
+  add_throttling(remarks, summary);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses_text(outcome, &record::Losses::on_the_way, "to"); !text.empty())
