@@ -4,7 +4,6 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
 #include "flags.hpp"
@@ -105,8 +104,7 @@ void add_check(Command& app) {
     if (!arguments->interface.empty()) {
       if (std::ranges::none_of(machine::interfaces(),
                                [&](const auto& one) { return one.name == arguments->interface; }))
-        throw campaign::Error(
-            2, fmt::format("--interface: this machine has no interface {}", arguments->interface));
+        throw wrong("--interface: this machine has no interface {}", arguments->interface);
       subject.interfaces = {arguments->interface};
     }
     return print_findings(fitness::check(subject), as_json);

@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "campaign/campaign.hpp"
 #include "flags.hpp"
 #include "report/words.hpp"
 #include "spelling/spelling.hpp"
@@ -45,13 +44,12 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
   auto runs = reader.runs();
   for (const auto& word : words) {
     if (std::ranges::any_of(runs, [&](const auto& run) { return is_called(run, word); })) continue;
-    if (runs.empty()) throw campaign::Error(2, fmt::format("{} has no runs", file));
+    if (runs.empty()) throw wrong("{} has no runs", file);
     std::vector<std::string> ids;
     const auto all = all_of(runs, ids);
     const bool is_range = word.find_first_not_of("0123456789-") == word.npos && word.find('-') != word.npos;
-    throw campaign::Error(
-        2, fmt::format("{} has no run '{}'{}. It has runs {}{}", file, word, spelling::suggestion(word, ids),
-                       all, is_range ? ". Fix: name runs one by one: 1,2,3" : ""));
+    throw wrong("{} has no run '{}'{}. It has runs {}{}", file, word, spelling::suggestion(word, ids), all,
+                is_range ? ". Fix: name runs one by one: 1,2,3" : "");
   }
   if (!words.empty())
     std::erase_if(runs, [&](const auto& run) {

@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "campaign/campaign.hpp"
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "conditions/conditions.hpp"
@@ -21,7 +20,6 @@
 namespace ontime::app {
 namespace {
 
-using campaign::Error;
 using Summaries = std::vector<statistics::Summary>;
 
 struct CompareArguments {
@@ -53,17 +51,13 @@ Summaries alike(const std::string& file, const std::string& word) {
 // Runs with one id can have different conditions.
 void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
   if (const auto* const other = report::unlike(runs))
-    throw Error(
-        2,
-        fmt::format("{} {}: runs {} and {} have different conditions. Fix: state the number of one of them",
-                    flag, word, runs.front()->run.number, other->run.number));
+    throw wrong("{} {}: runs {} and {} have different conditions. Fix: state the number of one of them", flag,
+                word, runs.front()->run.number, other->run.number);
 }
 
 void refuse_the_same(const CompareArguments& arguments) {
-  throw Error(
-      2, fmt::format(
-             "A and B have runs of {} in common. Fix: name another file, or use --from and --to, or --by",
-             arguments.a));
+  throw wrong("A and B have runs of {} in common. Fix: name another file, or use --from and --to, or --by",
+              arguments.a);
 }
 
 bool is_same_file(const CompareArguments& arguments) {
@@ -87,12 +81,12 @@ void refuse_unknown(const std::string& key, const Summaries& runs) {
   auto meant = spelling::suggestion(key, paths);
   if (meant.empty() && !differ.empty())
     meant = fmt::format("; these differ between the runs: {}", fmt::join(differ, ", "));
-  throw Error(2, fmt::format("--by: unknown key '{}'{}", key, meant));
+  throw wrong("--by: unknown key '{}'{}", key, meant);
 }
 
 // The comparison points into `a` and `b`.
 report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, Summaries& b) {
-  if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file. Fix: omit B");
+  if (!arguments.b.empty()) throw wrong("--by compares runs of one file. Fix: omit B");
   a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
   if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by, a);
@@ -103,7 +97,7 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
     const auto chosen = [&](const std::string& value) {
       auto found = std::ranges::find(words, value);
       if (found == words.end()) found = std::ranges::find(words, report::words_of_value(arguments.by, value));
-      if (found == words.end()) throw Error(2, fmt::format("--by: no run has '{}'. Found {}", value, listed));
+      if (found == words.end()) throw wrong("--by: no run has '{}'. Found {}", value, listed);
       return static_cast<std::size_t>(found - words.begin());
     };
     const auto from = chosen(arguments.from), to = chosen(arguments.to);
@@ -111,9 +105,8 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
     words = {words[from], words[to]};
   }
   if (values.size() != 2)
-    throw Error(
-        2, fmt::format("--by needs two values to compare; found {} ({}). {}", values.size(), listed,
-                       values.size() > 2 ? "Fix: choose two with --from and --to" : "See: ontime report"));
+    throw wrong("--by needs two values to compare; found {} ({}). {}", values.size(), listed,
+                values.size() > 2 ? "Fix: choose two with --from and --to" : "See: ontime report");
   if (values[0] == values[1]) refuse_the_same(arguments);
   auto comparison = report::compare_by(a, arguments.by, values[0], values[1]);
   comparison.from_name = arguments.by + ' ' + words[0];
@@ -128,29 +121,29 @@ report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& 
   b = alike(arguments.b.empty() ? arguments.a : arguments.b, arguments.to);
   auto comparison = report::compare_chosen(a, b);
   if (const auto why = report::why_never(comparison); !why.empty())
-    throw Error(2, fmt::format("--from {} --to {}: {}. Fix: choose runs that measure the same",
-                               arguments.from, arguments.to, why));
+    throw wrong("--from {} --to {}: {}. Fix: choose runs that measure the same", arguments.from, arguments.to,
+                why);
   const bool same_file = is_same_file(arguments);
   for (const auto& pair : comparison.pairs) {
     refuse_unlike("--from", arguments.from, pair.from);
     refuse_unlike("--to", arguments.to, pair.to);
     if (same_file && report::has_run_on_both_sides(pair))
-      throw Error(
-          2, fmt::format("--from {} --to {}: both name the same runs: an id means all its runs, a number "
-                         "its repetitions too. Fix: choose runs with different conditions",
-                         arguments.from, arguments.to));
+      throw wrong(
+          "--from {} --to {}: both name the same runs: an id means all its runs, a number its repetitions "
+          "too. Fix: choose runs with different conditions",
+          arguments.from, arguments.to);
   }
   return comparison;
 }
 
 report::Comparison compare_files(const CompareArguments& arguments, Summaries& a, Summaries& b) {
-  if (arguments.b.empty()) throw Error(2, "compare needs a second results file, or --from and --to, or --by");
+  if (arguments.b.empty()) throw wrong("compare needs a second results file, or --from and --to, or --by");
   if (is_same_file(arguments)) refuse_the_same(arguments);
   a = only(arguments.a, arguments.only);
   b = only(arguments.b, arguments.only);
   auto comparison = report::compare(a, b);
   if (const auto why = report::why_never(comparison); !why.empty())
-    throw Error(2, fmt::format("{} and {}: {}", arguments.a, arguments.b, why));
+    throw wrong("{} and {}: {}", arguments.a, arguments.b, why);
   return comparison;
 }
 
@@ -184,11 +177,11 @@ void draw(const report::Comparison& comparison, const std::string& file) {
   plot::Plot plot;
   plot.form = form_of("--plot", file);
   if (comparison.pairs.empty())
-    throw Error(
-        2, "--plot: no run of A has the same conditions as a run of B. To see what differs, omit --plot");
+    throw wrong(
+        "--plot: no run of A has the same conditions as a run of B. To see what differs, omit --plot");
   const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
-    throw Error(2, "--plot: no metric has a change to draw. Check that the runs are complete: ontime report");
+    throw wrong("--plot: no metric has a change to draw. Check that the runs are complete: ontime report");
   Output output(file, Kind::figure);
   output.write(drawn(commands));
   output.finish();
@@ -197,7 +190,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
 int compare(const CompareArguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format, arguments.output);
   const auto gates = flags.gates();
-  if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to must be used together");
+  if (arguments.from.empty() != arguments.to.empty()) throw wrong("--from and --to must be used together");
   Summaries a, b;
   auto comparison = !arguments.by.empty()     ? compare_by(arguments, a, b)
                     : !arguments.from.empty() ? compare_chosen(arguments, a, b)

@@ -5,8 +5,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "scenario_files.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -98,7 +98,7 @@ std::string text_for(const Command& app, const std::string& what) {
            "_bash_complete -o default -F _ontime_words\n";
   if (what == "scenarios") return fmt::format("{}\n", fmt::join(own_scenario_names(), "\n"));
   if (what == "transports") return fmt::format("{}\n", fmt::join(transport::available(), "\n"));
-  throw campaign::Error(2, fmt::format("SHELL: '{}' is not one of bash, zsh", what));
+  throw wrong("SHELL: '{}' is not one of bash, zsh", what);
 }
 
 }  // namespace

@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
@@ -29,9 +28,10 @@ const explain::Message& message_of(const report::Explained& one, std::int64_t in
     return static_cast<std::int64_t>(message.sample.index) == index;
   });
   if (found == messages.end())
-    throw campaign::Error(2, fmt::format("--message: message {} has no trace. This run has traces of its {} "
-                                         "worst messages (--format json lists them)",
-                                         index, messages.size()));
+    throw wrong(
+        "--message: message {} has no trace. This run has traces of its {} worst messages (--format json "
+        "lists them)",
+        index, messages.size());
   return *found;
 }
 
@@ -41,8 +41,7 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
   if (messages.empty())
-    throw campaign::Error(
-        2, fmt::format("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number));
+    throw wrong("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number);
   Output file(arguments.perfetto, Kind::json);
   file.write(report::perfetto_of(reader, one.run, messages, pong));
   file.finish();
@@ -60,8 +59,7 @@ int explain(const ExplainArguments& arguments) {
                                : !arguments.pong.empty()     ? "--pong"
                                                              : nullptr;
       flag != nullptr && runs.size() != 1)
-    throw campaign::Error(
-        2, fmt::format("{} needs one run, but {} are selected. Fix: add --only RUN", flag, runs.size()));
+    throw wrong("{} needs one run, but {} are selected. Fix: add --only RUN", flag, runs.size());
   std::vector<report::Explained> all;
   all.reserve(runs.size());
   std::optional<explain::Pong> pong;

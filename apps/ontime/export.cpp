@@ -4,7 +4,6 @@
 #include <boost/algorithm/string/predicate.hpp>
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
@@ -22,15 +21,15 @@ struct ExportArguments {
 report::SampleFormat sample_format_flag(const std::string& word, const std::string& file) {
   using boost::algorithm::iends_with;
   if (word.empty() && iends_with(file, ".json"))
-    throw campaign::Error(2, "--output: export writes CSV or JSON Lines, not JSON. Fix: name a .jsonl file");
+    throw wrong("--output: export writes CSV or JSON Lines, not JSON. Fix: name a .jsonl file");
   if (word.empty())
     return iends_with(file, ".jsonl") || iends_with(file, ".ndjson") ? report::SampleFormat::jsonl
                                                                      : report::SampleFormat::csv;
   if (word == "parquet" || word == "arrow")
-    throw campaign::Error(2,
-                          fmt::format("--format: ontime does not write {}, because Debian 12 has no library "
-                                      "for it. Fix: convert csv with pandas (docs/how-to/work-on-samples.md)",
-                                      word));
+    throw wrong(
+        "--format: ontime does not write {}, because Debian 12 has no library for it. Fix: convert csv with "
+        "pandas (docs/how-to/work-on-samples.md)",
+        word);
   using report::SampleFormat;
   return word_flag<SampleFormat>("--format", word,
                                  {{"csv", SampleFormat::csv}, {"jsonl", SampleFormat::jsonl}});

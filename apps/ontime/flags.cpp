@@ -10,8 +10,6 @@
 
 namespace ontime::app {
 
-using campaign::Error;
-
 Option* add_list(Command& command, const std::string& flag, std::vector<std::string>& values,
                  const char* what, const char* help) {
   return add_value(command, flag, values, what, help)->delimiter(',')->allow_extra_args(false);
@@ -84,11 +82,10 @@ report::Format format_flag(const std::string& word, const std::string& file) {
   for (const auto* ending : {".svg", ".pdf", ".png", ".eps", ".jpg", ".jpeg", ".gif", ".htm", ".xml", ".yaml",
                              ".yml", ".xlsx", ".ods", ".docx", ".odt"})
     if (boost::algorithm::iends_with(file, ending))
-      throw Error(2,
-                  fmt::format("--output: a {} is none of the formats here. Fix: name a file with the ending "
-                              ".html, .json, .csv, .md, .tex or .txt; `ontime plot` and `ontime compare "
-                              "--plot` draw figures, --junit writes XML",
-                              ending));
+      throw wrong(
+          "--output: a {} is none of the formats here. Fix: name a file with the ending .html, .json, .csv, "
+          ".md, .tex or .txt; `ontime plot` and `ontime compare --plot` draw figures, --junit writes XML",
+          ending);
   return table;
 }
 
@@ -111,9 +108,9 @@ std::unique_ptr<watch::Metrics> metrics_at(const std::string& address) {
     print_error(fmt::format("metrics are at http://{}/metrics", metrics->address()));
     return metrics;
   } catch (const std::invalid_argument& error) {
-    throw Error(2, fmt::format("--metrics: {}", error.what()));
+    throw wrong("--metrics: {}", error.what());
   } catch (const std::runtime_error& error) {
-    throw Error(3, fmt::format("--metrics: {}", error.what()));
+    throw campaign::Error(3, fmt::format("--metrics: {}", error.what()));
   }
 }
 

@@ -9,6 +9,8 @@
 #include <string>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "command.hpp"
 #include "orders/orders.hpp"
 #include "report/report.hpp"
@@ -18,6 +20,12 @@ class Metrics;
 }
 
 namespace ontime::app {
+
+// Wrong usage or input, for people: exit code 2.
+template <class... Arguments>
+orders::Error wrong(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
+  return {2, fmt::format(text, std::forward<Arguments>(arguments)...)};
+}
 
 // An option whose value must not be empty; --help calls the value `what`.
 template <class Value>
@@ -56,14 +64,14 @@ Value word_flag(const std::string& flag, const std::string& word,
     if (word == one) return value;
     all += (all.empty() ? "" : ", ") + std::string(one);
   }
-  throw orders::Error(2, flag + ": '" + word + "' is not one of " + all);
+  throw wrong("{}: '{}' is not one of {}", flag, word, all);
 }
 template <class Read>
 auto read_flag(const std::string& flag, const Read& read) {
   try {
     return read();
   } catch (const std::invalid_argument& error) {
-    throw orders::Error(2, flag + ": " + error.what());
+    throw wrong("{}: {}", flag, error.what());
   }
 }
 

@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "campaign/campaign.hpp"
 #include "flags.hpp"
 #include "output.hpp"
 #include "report/export.hpp"
@@ -48,7 +47,7 @@ std::vector<gate::Gate> GateFlags::gates() const {
     try {
       gates.push_back(gate::parse(text, use_));
     } catch (const gate::Error& error) {
-      throw campaign::Error(2, fmt::format("--fail-if: '{}', {}", text, error.what()));
+      throw wrong("--fail-if: '{}', {}", text, error.what());
     }
   }
   return gates;

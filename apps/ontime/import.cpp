@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "foreign/foreign.hpp"
@@ -19,16 +18,16 @@ struct ImportArguments {
 
 foreign::What what_of(const ImportArguments& arguments) {
   if (arguments.from == "performance-test")
-    throw campaign::Error(2,
-                          "--from: performance_test cannot be imported. It logs only the least, mean and "
-                          "greatest latency of each second; percentiles need every message");
+    throw wrong(
+        "--from: performance_test cannot be imported. It logs only the least, mean and greatest latency of "
+        "each second; percentiles need every message");
   using foreign::Form;
   const auto form = word_flag<Form>(
       "--from", arguments.from,
       {{"cyclictest-histogram", Form::cyclictest_histogram}, {"cyclictest-json", Form::cyclictest_json}});
   const auto unit_ns = word_flag<int>("--unit", arguments.unit, {{"us", 1000}, {"ns", 1}});
   if (const auto flaw = conditions::flaw_of_id(arguments.id); !flaw.empty())
-    throw campaign::Error(2, fmt::format("--id: '{}': {}", arguments.id, flaw));
+    throw wrong("--id: '{}': {}", arguments.id, flaw);
   return {form, arguments.id, unit_ns};
 }
 
@@ -52,8 +51,7 @@ int import_results(const ImportArguments& arguments) {
 void refuse(const Command& command, std::initializer_list<const char*> flags, const char* why) {
   for (const auto& option : command.options())
     for (const auto* flag : flags)
-      if (option.name() == flag && option.count() > 0)
-        throw campaign::Error(2, fmt::format("{}: {}", flag, why));
+      if (option.name() == flag && option.count() > 0) throw wrong("{}: {}", flag, why);
 }
 
 int import_file(const Command& command, const ImportArguments& arguments) {
@@ -67,8 +65,7 @@ int import_file(const Command& command, const ImportArguments& arguments) {
   if (arguments.from == "cyclictest-json")
     refuse(command, {"--unit"},
            "applies to histograms only, because JSON states its unit. Fix: omit this flag");
-  if (arguments.bag.results.empty())
-    throw campaign::Error(2, "--from needs --results FILE, the results file to add to");
+  if (arguments.bag.results.empty()) throw wrong("--from needs --results FILE, the results file to add to");
   return import_results(arguments);
 }
 

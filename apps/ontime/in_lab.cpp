@@ -19,7 +19,6 @@ namespace ontime::app {
 namespace {
 
 namespace fs = std::filesystem;
-using campaign::Error;
 
 constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;  // that the kernel needs for itself
 constexpr const char* results_name = "results.ontime";
@@ -30,14 +29,14 @@ bool is_of_kernel(std::string_view package) {
 }
 
 fs::path brought_along(const std::string& path) {
-  if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: no such file or folder", path));
+  if (!fs::exists(path)) throw wrong("--with: {}: no such file or folder", path);
   auto whole = fs::canonical(path);
-  if (whole == "/") throw Error(2, "--with: / is the whole machine. Fix: name a file or folder in it");
+  if (whole == "/") throw wrong("--with: / is the whole machine. Fix: name a file or folder in it");
   for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
     if ((whole.string() + '/').starts_with(std::string(own) + '/'))
-      throw Error(2, fmt::format("--with: {}: the lab's machine has its own {}, which would hide it. Fix: "
-                                 "move it to another folder",
-                                 path, own));
+      throw wrong(
+          "--with: {}: the lab's machine has its own {}, which would hide it. Fix: move it to another folder",
+          path, own);
   return whole;
 }
 
@@ -88,15 +87,14 @@ lab::Machine LabFlags::machine() const {
   auto machine = machine_;
   const auto nics = lab::nics();
   if (std::ranges::find(nics, machine.nic) == nics.end())
-    throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
+    throw wrong("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", "));
   if (!is_of_kernel(machine.kernel))
-    throw Error(2, fmt::format("--kernel: '{}' is not a kernel package, such as linux-image-rt-amd64",
-                               machine.kernel));
+    throw wrong("--kernel: '{}' is not a kernel package, such as linux-image-rt-amd64", machine.kernel);
   machine.deterministic = !live_;
   machine.cpus = cpus_.value_or(live_ ? 2 : 1);
   if (!memory_.empty()) machine.memory_bytes = bytes_flag("--memory", memory_);
   if (machine.memory_bytes < least_memory_bytes)
-    throw Error(2, fmt::format("--memory: '{}' is too small. The least is 512 MiB", memory_));
+    throw wrong("--memory: '{}' is too small. The least is 512 MiB", memory_);
   for (const auto& path : with_) machine.with.push_back(brought_along(path));
   return machine;
 }
@@ -123,15 +121,15 @@ InLab::InLab(lab::Machine machine, LabTask task) : machine_(std::move(machine)),
   for (const auto& scenario : campaign::read_scenarios(task_.scenarios, task_.choice.checked())) {
     const auto& file = scenario.file;
     if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
-      throw Error(2,
-                  fmt::format("{}: the lab needs hosts: namespaces. Fix: set it, or use `ontime run`", file));
+      throw wrong("{}: the lab needs hosts: namespaces. Fix: set it, or use `ontime run`", file);
     const auto speed = speed_of(scenario);
     if (scenarios_.empty()) machine_.nic_mbit_per_s = speed;
     if (speed != machine_.nic_mbit_per_s)
-      throw Error(2, fmt::format("{}: its wire needs NICs of another speed ({}) than {} ({}). Fix: run these "
-                                 "scenarios one at a time",
-                                 file, words_of_speed(speed), scenarios_.front().here.string(),
-                                 words_of_speed(machine_.nic_mbit_per_s)));
+      throw wrong(
+          "{}: its wire needs NICs of another speed ({}) than {} ({}). Fix: run these scenarios one at a "
+          "time",
+          file, words_of_speed(speed), scenarios_.front().here.string(),
+          words_of_speed(machine_.nic_mbit_per_s));
     scenarios_.push_back(
         {file, fmt::format("/scenarios/{}/{}", scenarios_.size() + 1, fs::path(file).filename().string())});
   }

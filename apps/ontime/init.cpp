@@ -39,10 +39,9 @@ struct Place {
 bool is_ipv6(const std::string& address) { return address.find(':') != address.npos; }
 
 [[noreturn]] void refuse_without_ipv4(const std::string& host, const std::string& address) {
-  throw Error(3,
-              fmt::format("{}: ssh uses the IPv6 address {}. Messages need an IPv4 address, and none of its "
-                          "interface is known. Fix: ssh by IPv4 (AddressFamily inet in ~/.ssh/config)",
-                          host, address));
+  throw Error(3, fmt::format("{}: ssh uses the IPv6 address {}. Messages need an IPv4 address, and none of "
+                             "its interface is known. Fix: ssh by IPv4 (AddressFamily inet in ~/.ssh/config)",
+                             host, address));
 }
 
 // What a command prints, with its errors, and its exit code.
@@ -150,13 +149,13 @@ std::string stem_of(const std::string& host) {
 
 int init(const InitArguments& arguments) {
   if (arguments.hosts.size() > 2)
-    throw Error(2, "HOST: name one or two hosts. With one, this machine is the controller");
+    throw wrong("HOST: name one or two hosts. With one, this machine is the controller");
   for (const auto& host : arguments.hosts)
     if (host.empty() || host.starts_with('-'))
-      throw Error(2, fmt::format("HOST: '{}' is not a host for ssh, such as me@robot", host));
+      throw wrong("HOST: '{}' is not a host for ssh, such as me@robot", host);
   const auto file = arguments.output.empty() ? stem_of(arguments.hosts.back()) + ".yaml" : arguments.output;
   if (std::filesystem::exists(std::filesystem::symlink_status(file)))
-    throw Error(2, fmt::format("{} exists. Fix: name another file with --output FILE", file));
+    throw wrong("{} exists. Fix: name another file with --output FILE", file);
   const auto component = place_of(arguments.hosts.back());
   const auto controller =
       arguments.hosts.size() == 2 ? place_of(arguments.hosts.front()) : this_machine(component);
@@ -181,10 +180,10 @@ int init(const InitArguments& arguments) {
 void add_init(Command& app) {
   auto* command =
       app.add_subcommand("init", "Checks that ssh reaches the hosts, and writes a scenario for them");
-  command->footer(fmt::format(
-      "The scenario uses the addresses and interfaces that ssh uses. If messages take another link, change "
-      "them in the file.\n\n{}",
-      exit_codes));
+  command->footer(
+      fmt::format("The scenario uses the addresses and interfaces that ssh uses. If messages take another "
+                  "link, change them in the file.\n\n{}",
+                  exit_codes));
   auto arguments = std::make_shared<InitArguments>();
   command
       ->add_option("HOST", arguments->hosts,

@@ -13,7 +13,6 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "listen_budget.hpp"
@@ -47,8 +46,7 @@ std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::str
 
 std::optional<std::chrono::nanoseconds> time_to_listen(const std::string& text) {
   const auto time = time_of("--for", text);
-  if (time && *time < 1s)
-    throw campaign::Error(2, fmt::format("--for: '{}' is too short; the minimum is 1s", text));
+  if (time && *time < 1s) throw wrong("--for: '{}' is too short; the minimum is 1s", text);
   return time;
 }
 
@@ -59,11 +57,10 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
     return !arguments.results.empty() && time && *time >= most_whole ? std::optional(usual_keep)
                                                                      : std::nullopt;
   if (arguments.results.empty())
-    throw campaign::Error(2, "--keep limits the size of a results file. Fix: add --results FILE");
-  if (arguments.is_recording())
-    throw campaign::Error(2, "--keep: a recording is always kept whole. Fix: remove --keep");
+    throw wrong("--keep limits the size of a results file. Fix: add --results FILE");
+  if (arguments.is_recording()) throw wrong("--keep: a recording is always kept whole. Fix: remove --keep");
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
-  throw campaign::Error(2, fmt::format("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep));
+  throw wrong("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep);
 }
 
 class Listening {
@@ -80,26 +77,24 @@ class Listening {
         output_(arguments.output, as_json_ ? Kind::json : Kind::text),
         width_(arguments.output.empty() ? reading_columns() : std::string::npos) {
     if (arguments.is_recording() && time_)
-      throw campaign::Error(2, "--for: a recording is always read to its end. Fix: remove --for");
+      throw wrong("--for: a recording is always read to its end. Fix: remove --for");
     if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
-      throw campaign::Error(2, "--results: --list records no messages. Fix: remove one of the two");
+      throw wrong("--results: --list records no messages. Fix: remove one of the two");
     if (arguments.reader && (topics_.empty() || arguments.list))
-      throw campaign::Error(2, "--reader: name the topics to read, and remove --list");
+      throw wrong("--reader: name the topics to read, and remove --list");
     if (!arguments.budget.empty()) {
       budget_.emplace(arguments.budget);
       if (arguments.list || !arguments.is_in_processes())
-        throw campaign::Error(
-            2,
+        throw wrong(
             "--budget limits probes in processes. Fix: remove it, or --list, --packets, --pcap and --reader");
     }
     if (chains_.empty()) return;
-    if (arguments.list)
-      throw campaign::Error(2, "--chain: --list judges nothing. Fix: remove one of the two");
+    if (arguments.list) throw wrong("--chain: --list judges nothing. Fix: remove one of the two");
     if (!arguments.is_in_processes())
-      throw campaign::Error(2,
-                            "--chain: only probes in processes can follow a message through a node. Fix: "
-                            "remove --packets, --pcap and --reader");
+      throw wrong(
+          "--chain: only probes in processes can follow a message through a node. Fix: remove --packets, "
+          "--pcap and --reader");
     for (const auto& chain : chains_)
       for (const auto& step : chain.steps) topics_.insert(step.topic);
   }
@@ -369,8 +364,8 @@ class Listening {
                               table::grouped(count)));
     if (forgotten.flows > 0)
       print_error(
-          fmt::format("{} flows of ended processes are not listed: {} messages in total; {} of these "
-                      "flows missed a limit",
+          fmt::format("{} flows of ended processes are not listed: {} messages in total; {} of these flows "
+                      "missed a limit",
                       table::grouped(forgotten.flows), table::grouped(forgotten.messages),
                       table::grouped(forgotten.with_misses)));
     for (const auto& remark : findings.remarks) print_error(remark);
@@ -408,13 +403,12 @@ int listen_to(const ListenArguments& arguments) {
   std::error_code ignored;
   for (const auto* input : {&arguments.pcap, &arguments.bag})
     if (!input->empty() && std::filesystem::equivalent(*input, arguments.output, ignored))
-      throw campaign::Error(
-          2, fmt::format("--output: {} is also the input. Choose another file.", arguments.output));
+      throw wrong("--output: {} is also the input. Choose another file.", arguments.output);
   try {
     return Listening(arguments).run();
   } catch (const listen::WrongInput& error) {
     const auto* flag = !arguments.packets.empty() ? "--packets: " : !arguments.pcap.empty() ? "--pcap: " : "";
-    throw campaign::Error(2, fmt::format("{}{}", flag, error.what()));
+    throw wrong("{}{}", flag, error.what());
   }
 }
 
@@ -424,10 +418,10 @@ void add_listen(Command& app) {
       "Judges the messages of a running robot, in its processes or on the wire, without changing it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics (default: all)");
-  add_value(*command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
-            "follow messages through nodes from the first topic to the last, such as "
-            "/scan,/map,/cmd_vel@50ms (late after 50 ms); latest:/map links /map to the latest message that "
-            "its process took")
+  add_value(
+      *command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
+      "follow messages through nodes from the first topic to the last, such as /scan,/map,/cmd_vel@50ms "
+      "(late after 50 ms); latest:/map links /map to the latest message that its process took")
       ->allow_extra_args(false);
   add_limits(*command, *arguments, "a message is late when its age at the take exceeds this");
   add_value(*command, "--for", arguments->time, "TIME", "end after this time (default: at Ctrl-C)");
@@ -435,16 +429,16 @@ void add_listen(Command& app) {
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record kernel events, and do not explain late messages");
   add_value(*command, "--budget", arguments->budget, "SHARE",
-            "limit probes and ontime to this share of one CPU, such as 1%: first stop recording "
-            "kernel events, then pause at times");
+            "limit probes and ontime to this share of one CPU, such as 1%: first stop recording kernel "
+            "events, then pause at times");
   add_value(*command, "--packets", arguments->packets, "NAME",
             "judge RTPS packets on this interface (any: all interfaces) instead of processes");
   add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture file (pcap, pcapng)")
       ->excludes("--packets");
   command
-      ->add_flag("--reader", arguments->reader,
-                 "last resort, without privileges: add a DDS reader of each TOPIC; its writers then "
-                 "also send to it")
+      ->add_flag(
+          "--reader", arguments->reader,
+          "last resort, without privileges: add a DDS reader of each TOPIC; its writers then also send to it")
       ->excludes("--packets")
       ->excludes("--pcap");
   add_format(*command, arguments->format);
@@ -454,9 +448,8 @@ void add_listen(Command& app) {
               "record every message as runs in this results file, for report, compare and plot");
   add_value(
       *command, "--keep", arguments->keep, "SIZE",
-      "with --results, for weeks: limit the file to this size. It keeps counts, and the worst late "
-      "messages with the kernel events around them (default: 150MB if --for is a day or more, else every "
-      "message)");
+      "with --results, for weeks: limit the file to this size. It keeps counts, and the worst late messages "
+      "with the kernel events around them (default: 150MB if --for is a day or more, else every message)");
   command->calls([arguments] { return listen_to(*arguments); });
 }
 

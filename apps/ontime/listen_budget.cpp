@@ -6,10 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
+#include "flags.hpp"
 #include "listen_cost.hpp"
 #include "listen_words.hpp"
-#include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -30,9 +29,7 @@ double share_of(const std::string& text) {
   const auto [rest, error] = std::from_chars(text.data(), end, percent);
   const std::string unit(rest, end);
   if (error != std::errc() || (unit != "%" && unit != " %") || !(percent > 0 && percent <= 100))
-    throw campaign::Error(
-        2,
-        fmt::format("--budget: '{}' is not a share of one CPU above 0 % and up to 100 %, such as 1%", text));
+    throw wrong("--budget: '{}' is not a share of one CPU above 0 % and up to 100 %, such as 1%", text);
   return percent / 100;
 }
 
@@ -59,10 +56,10 @@ void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explaine
     case listen::Budget::Step::pause:
       sensor.pause();
       if (budget_->pauses() > 1) return;
-      return print_error(fmt::format(
-          "--budget: probes and ontime used more than {:g} % of one CPU. ontime now pauses at times: it "
-          "sees no messages during pauses, and counts no losses across them",
-          100 * share_));
+      return print_error(
+          fmt::format("--budget: probes and ontime used more than {:g} % of one CPU. ontime now pauses at "
+                      "times: it sees no messages during pauses, and counts no losses across them",
+                      100 * share_));
     case listen::Budget::Step::resume:
       return sensor.resume();
   }

@@ -9,7 +9,6 @@
 #include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
 #include "flags.hpp"
 #include "listen_words.hpp"
 #include "table/table.hpp"
@@ -23,8 +22,7 @@ constexpr std::size_t text_width = 80;
 constexpr std::string_view latest = "latest:";
 
 [[noreturn]] void refuse(const std::string& text, const std::string& why) {
-  throw campaign::Error(2, fmt::format("--chain '{}': {}. Example: --chain /scan,/map,/cmd_vel@50ms",
-                                       table::printable(text), why));
+  throw wrong("--chain '{}': {}. Example: --chain /scan,/map,/cmd_vel@50ms", table::printable(text), why);
 }
 
 listen::ChainWish chain_of(const std::string& text) {
@@ -106,18 +104,18 @@ std::string remarks_of(const listen::Chain& chain) {
   }
   for (std::size_t topic = 1; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.without_take[topic]; count > 0)
-      add(fmt::format("{}: {} published without a preceding take of {}{}", topic_name(wish, topic),
-                      messages(count), topic_name(wish, topic - 1),
-                      wish.steps[topic].is_of_latest
-                          ? " by their process"
-                          : fmt::format(" in the same callback. If a timer or another thread publishes: "
-                                        "latest:{}",
-                                        topic_name(wish, topic))));
+      add(fmt::format(
+          "{}: {} published without a preceding take of {}{}", topic_name(wish, topic), messages(count),
+          topic_name(wish, topic - 1),
+          wish.steps[topic].is_of_latest
+              ? " by their process"
+              : fmt::format(" in the same callback. If a timer or another thread publishes: latest:{}",
+                            topic_name(wish, topic))));
   for (std::size_t topic = 0; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.unknown_takes[topic]; count > 0)
       add(
-          fmt::format("{}: {} an unknown publish: the writer was not recognized yet, is on another "
-                      "machine, published from two threads at once, or published too long ago",
+          fmt::format("{}: {} an unknown publish: the writer was not recognized yet, is on another machine, "
+                      "published from two threads at once, or published too long ago",
                       topic_name(wish, topic), table::many(count, "take has", "takes have")));
   if (chain.silent_ns > 0) add("SILENT: no known arrival for the last " + time_of_silence(chain.silent_ns));
   if (chain.forgotten > 0)
@@ -131,8 +129,7 @@ std::string remarks_of(const listen::Chain& chain) {
 
 std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) {
   if (texts.size() > listen::most_chains)
-    throw campaign::Error(
-        2, fmt::format("--chain: {} chains are given; the maximum is {}", texts.size(), listen::most_chains));
+    throw wrong("--chain: {} chains are given; the maximum is {}", texts.size(), listen::most_chains);
   std::vector<listen::ChainWish> chains;
   for (const auto& text : texts) {
     chains.push_back(chain_of(text));

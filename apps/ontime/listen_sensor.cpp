@@ -9,6 +9,7 @@
 
 #include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
+#include "flags.hpp"
 #include "scenario/scenario.hpp"
 #include "transport/shipped.hpp"
 
@@ -28,7 +29,7 @@ std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, c
       } catch (const transport::Error& error) {
         throw campaign::Error(3, fmt::format("--reader: {}", error.what()));
       } catch (const std::invalid_argument& error) {
-        throw campaign::Error(2, error.what());
+        throw wrong("{}", error.what());
       }
   }
   throw campaign::Error(

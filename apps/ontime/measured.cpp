@@ -117,9 +117,7 @@ std::string new_results_file(const std::string& scenario) {
 void check_results(const std::string& file, bool resume) {
   std::error_code unknown;  // then opening it says why
   if (!resume && fs::exists(fs::symlink_status(file, unknown)))
-    throw campaign::Error(
-        2, fmt::format("--results: {} exists. Fix: name another file, or continue this one with --resume",
-                       file));
+    throw wrong("--results: {} exists. Fix: name another file, or continue this one with --resume", file);
 }
 
 std::string write_page_beside(const std::string& results, const record::Reader& reader,
@@ -128,10 +126,8 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
   auto path = is_usual ? fs::path(results).replace_extension("html").string() : results + ".html";
   std::error_code none;
   if (fs::exists(path, none) && !(fs::is_regular_file(path, none) && can_replace(path, Kind::page)))
-    throw campaign::Error(
-        2,
-        fmt::format("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
-                    path, results));
+    throw wrong("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
+                path, results);
   Output output(path, Kind::page);
   // The file may have runs that another process measured.
   output.write(page::page_of(reader, summaries,
@@ -170,10 +166,10 @@ void check_machines(const record::Run& run, const record::ByName<record::Machine
           then != is)
         differences.push_back(fmt::format("{} {}, not {}", name, then.dump(), is.dump()));
     if (!differences.empty())
-      throw campaign::Error(
-          2, fmt::format("--resume: run {} was measured on another machine or kernel than the {}'s: {}. Fix: "
-                         "start a new results file",
-                         run.number, host, fmt::join(differences, "; ")));
+      throw wrong(
+          "--resume: run {} was measured on another machine or kernel than the {}'s: {}. Fix: start a new "
+          "results file",
+          run.number, host, fmt::join(differences, "; "));
   }
 }
 

@@ -39,10 +39,9 @@ void add_ping(Command& app) {
     const auto format = format_flag(arguments->format);
     const bool keeps_no_traces = run.explain && arguments->results.empty();
     if (keeps_no_traces && !is_for_people(format))
-      throw campaign::Error(2,
-                            fmt::format("--explain with --format {} needs --results FILE, where the traces "
-                                        "are kept for `ontime explain`",
-                                        arguments->format));
+      throw wrong(
+          "--explain with --format {} needs --results FILE, where the traces are kept for `ontime explain`",
+          arguments->format);
     auto& interrupts = catch_interrupts();
     record::Writer writer(arguments->results);
     const auto known = writer.reader().runs().size();

@@ -69,23 +69,22 @@ int plot(PlotArguments arguments) {
                       summary.imported ? "imported values have no messages" : "no message was sent"));
     return summary.sent == 0;
   });
-  if (summaries.empty()) throw Error(2, arguments.results + ": no measured messages to draw");
+  if (summaries.empty()) throw wrong("{}: no measured messages to draw", arguments.results);
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
-    throw Error(
-        2,
-        fmt::format("--figure time draws at most {} runs, but {} are selected. Fix: choose runs with --only",
-                    most_panels, summaries.size()));
+    throw wrong("--figure time draws at most {} runs, but {} are selected. Fix: choose runs with --only",
+                most_panels, summaries.size());
   if (plot.figure == Plot::Figure::background && std::ranges::none_of(summaries, [](const auto& summary) {
         return summary.run.asked.task.background.topics > 0;
       }))
-    throw Error(2, arguments.results + ": none of its runs had background topics (key `background`)");
+    throw wrong("{}: none of its runs had background topics (key `background`)", arguments.results);
   const auto payload_of = [](const auto& summary) { return summary.run.asked.task.client.payload_bytes; };
   if (const auto payload = payload_of(summaries.front());
       plot.figure == Plot::Figure::payload &&
       std::ranges::all_of(summaries, [&](const auto& summary) { return payload_of(summary) == payload; }))
-    throw Error(2, fmt::format("--figure payload compares payloads, but all runs have {} bytes. Fix: measure "
-                               "with several payloads (key `payload`)",
-                               payload));
+    throw wrong(
+        "--figure payload compares payloads, but all runs have {} bytes. Fix: measure with several payloads "
+        "(key `payload`)",
+        payload);
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
   for (const auto& name : without) print_error("not drawn: " + name);
@@ -101,8 +100,7 @@ Plot::Form form_of(const char* flag, const std::string& output) {
   const std::map<std::string, Plot::Form> forms = {
       {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
   const auto form = forms.find(std::filesystem::path(output).extension().string());
-  if (form == forms.end())
-    throw Error(2, fmt::format("{}: '{}' must end in .svg, .pdf or .png", flag, output));
+  if (form == forms.end()) throw wrong("{}: '{}' must end in .svg, .pdf or .png", flag, output);
   return form->second;
 }
 

@@ -17,7 +17,6 @@
 
 namespace ontime::app {
 
-using campaign::Error;
 using campaign::Key;
 
 namespace {
@@ -51,8 +50,7 @@ void check_cpus(const std::string& flag, const std::string& list) {
   const auto there = settings::online_cpus();
   for (const int cpu : realtime::cpus_of(list).value_or(std::vector<int>{}))
     if (std::ranges::find(there, cpu) == there.end())
-      throw Error(2,
-                  fmt::format("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there)));
+      throw wrong("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there));
 }
 
 // pong answers every payload up to this one; its default is campaign::pong's.
@@ -92,27 +90,26 @@ campaign::Run RunFlags::run() const {
     if (flag == flags_.end() || flag->second.option->count() == 0) continue;
     const auto& value = flag->second.value;
     const bool alone = value.empty() && key.values == "on|off";
-    if (value.empty() && !alone) throw Error(2, fmt::format("{}: a value is needed", key.flag));
+    if (value.empty() && !alone) throw wrong("{}: a value is needed", key.flag);
     read_flag(key.flag, [&] { key.set(run, alone ? "on" : value); });
     if (key.path.ends_with(".cpus")) check_cpus(key.flag, value);
   }
   if (std::ranges::any_of(peers_, [](const auto& peer) { return peer.empty(); }))
-    throw Error(2, "--peer: a value is needed");
+    throw wrong("--peer: a value is needed");
   for (const auto& option : options_) {
     const auto equals = option.find('=');
-    if (equals == std::string::npos || equals == 0)
-      throw Error(2, fmt::format("--option: '{}' is not NAME=VALUE", option));
+    if (equals == std::string::npos || equals == 0) throw wrong("--option: '{}' is not NAME=VALUE", option);
     campaign::set_option(run, "options." + option.substr(0, equals), option.substr(equals + 1));
   }
   run.task.config.peers = peers_;
   run.task.config.interface = interface_;
   if (run.task.transport.empty())
-    throw Error(2, fmt::format("--transport NAME is missing; {}{}", transports_here(), with_a_transport()));
+    throw wrong("--transport NAME is missing; {}{}", transports_here(), with_a_transport());
   try {
     campaign::complete(run);
     campaign::check_transports(run);
   } catch (const std::invalid_argument& error) {
-    throw Error(2, error.what());
+    throw wrong("{}", error.what());
   }
   return run;
 }

@@ -11,6 +11,7 @@
 #include <sys/xattr.h>
 #include <unistd.h>
 
+#include "flags.hpp"
 #include "orders/orders.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
@@ -64,18 +65,15 @@ std::string meant(const std::string& name) {
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
-    throw orders::Error(
-        2, fmt::format(
-               "{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones", name,
-               is_there(name) ? "; to run the one in this folder: " + table::shell_line({"./" + name}) + "."
-                              : meant(name)));
+    throw wrong("{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones", name,
+                is_there(name) ? "; to run the one in this folder: " + table::shell_line({"./" + name}) + "."
+                               : meant(name));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))
     if (entry.path().extension() == suffix) files.push_back(entry.path().string());
   std::ranges::sort(files);
-  if (files.empty())
-    throw orders::Error(2, fmt::format("{}: this folder has no scenario (*{})", name, suffix));
+  if (files.empty()) throw wrong("{}: this folder has no scenario (*{})", name, suffix);
   return files;
 }
 

@@ -10,6 +10,7 @@
 #include <fmt/ranges.h>
 
 #include "explain/explain.hpp"
+#include "flags.hpp"
 #include "gate/gate.hpp"
 #include "measured.hpp"
 #include "output.hpp"
@@ -57,8 +58,7 @@ std::string without(const std::string& list, const std::string& other) {
 }
 
 [[noreturn]] void refuse(const std::string& results, const std::string& what) {
-  throw Error(2, fmt::format("--resume: {} {}. Repeat the command of that search, or name a new file",
-                             results, what));
+  throw wrong("--resume: {} {}. Repeat the command of that search, or name a new file", results, what);
 }
 
 std::string kind_of_machine(const record::Run& run) {
@@ -193,9 +193,9 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
   if (text != note_of(order) || run.asked.scenario != scenario.text)
-    throw Error(2, fmt::format("--resume: run {} of {} (ontime {}) is '{}', but ontime " ONTIME_VERSION
-                               " expects '{}'. Use a new results file",
-                               run.number, results_, run.asked.ontime, text, note_of(order)));
+    throw wrong("--resume: run {} of {} (ontime {}) is '{}', but ontime " ONTIME_VERSION
+                " expects '{}'. Use a new results file",
+                run.number, results_, run.asked.ontime, text, note_of(order));
   return run;
 }
 

@@ -43,7 +43,7 @@ settings::Link link_of(const TuneArguments& arguments) {
 std::string set(campaign::Run& run, const std::string& said) {
   const auto equals = said.find('=');
   if (equals == said.npos || equals == 0)
-    throw Error(2, fmt::format("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said));
+    throw wrong("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said);
   auto name = said.substr(0, equals);  // not const: it is returned by a move
   std::vector<std::string> names;
   for (const auto& key : campaign::keys()) {
@@ -54,28 +54,25 @@ std::string set(campaign::Run& run, const std::string& said) {
     return name;
   }
   const auto meant = spelling::suggestion(name, names);
-  throw Error(2, fmt::format("--set: unknown setting '{}'{}", name,
-                             meant.empty() ? fmt::format(". Settings: {}", fmt::join(names, ", ")) : meant));
+  throw wrong("--set: unknown setting '{}'{}", name,
+              meant.empty() ? fmt::format(". Settings: {}", fmt::join(names, ", ")) : meant);
 }
 
 campaign::Run run_of(const TuneArguments& arguments) {
   if (arguments.scenario.empty()) return {};
   const auto files = scenario_files({arguments.scenario});
   if (files.size() != 1)
-    throw Error(2, fmt::format("--scenario: {} has {} scenarios. Fix: name one of them", arguments.scenario,
-                               files.size()));
+    throw wrong("--scenario: {} has {} scenarios. Fix: name one of them", arguments.scenario, files.size());
   const auto scenario = campaign::read_scenario(files.front(), {{arguments.run}, {}, {}});
   for (const auto& run : scenario.runs) {
     if (run.isolation.any())
-      throw Error(2,
-                  fmt::format("--only: run '{}' has isolation.*, which only `ontime run` applies. Fix: state "
-                              "its kernel settings with --set. To reserve CPUs permanently: `ontime check`",
-                              arguments.run));
+      throw wrong(
+          "--only: run '{}' has isolation.*, which only `ontime run` applies. Fix: state its kernel settings "
+          "with --set. To reserve CPUs permanently: `ontime check`",
+          arguments.run);
     if (run.kernel != scenario.runs.front().kernel)
-      throw Error(
-          2, fmt::format(
-                 "--only: the runs with id '{}' have different kernel settings. Fix: state them with --set",
-                 arguments.run));
+      throw wrong("--only: the runs with id '{}' have different kernel settings. Fix: state them with --set",
+                  arguments.run);
   }
   return scenario.runs.front();
 }
@@ -116,7 +113,7 @@ int apply(const TuneArguments& arguments) {
   std::set<std::string> stated;
   for (const auto& said : arguments.sets)
     if (const auto [name, is_new] = stated.insert(set(run, said)); !is_new)
-      throw Error(2, fmt::format("--set: {} is given twice", *name));
+      throw wrong("--set: {} is given twice", *name);
   if (run.kernel.empty())
     throw Error(2,
                 arguments.scenario.empty()
@@ -125,8 +122,7 @@ int apply(const TuneArguments& arguments) {
   const auto link = link_of(arguments);
   for (const auto& setting : settings::table())
     if (setting.of_interface && link.interface.empty() && run.kernel.contains(setting.name))
-      throw Error(2, fmt::format("{} is a setting of an interface. Fix: --interface NAME, or --peer HOST",
-                                 setting.name));
+      throw wrong("{} is a setting of an interface. Fix: --interface NAME, or --peer HOST", setting.name);
   if (!arguments.boot.empty()) {
     using settings::Form;
     const auto form =
@@ -255,7 +251,7 @@ void add_tune(Command& app) {
       try {
         return act(*arguments);
       } catch (const settings::WrongInput& error) {
-        throw Error(2, error.what());
+        throw wrong("{}", error.what());
       }
     });
     return added;
@@ -286,8 +282,8 @@ void add_tune(Command& app) {
       ->excludes("--dry-run");
   auto* verified = add("verify", "Checks whether applied values still hold", verify);
   verified->footer(
-      "Exit codes: 0 all hold · 1 one has changed, or nothing was applied · 2 invalid usage or input · "
-      "3 this machine cannot do it");
+      "Exit codes: 0 all hold · 1 one has changed, or nothing was applied · 2 invalid usage or input · 3 "
+      "this machine cannot do it");
   add_format(*verified, arguments->format);
   add("revert", "Restores what apply changed, and what a killed ontime left changed",
       [](const TuneArguments&) { return revert(); })

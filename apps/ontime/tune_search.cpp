@@ -56,10 +56,11 @@ campaign::Scenario scenario_of(const Arguments& arguments, const std::string& fi
   selection.set = set;
   auto scenario = campaign::read_scenario(file, selection);
   if (scenario.runs.size() != 1 || scenario.hosts.components.size() != 1)
-    throw Error(2, fmt::format("tune search: {} has {} and {}, but a search needs one run between two hosts. "
-                               "Choose with --only and --transports, and leave out lists",
-                               arguments.scenario, table::many(scenario.runs.size(), "run", "runs"),
-                               table::many(scenario.hosts.components.size(), "component", "components")));
+    throw wrong(
+        "tune search: {} has {} and {}, but a search needs one run between two hosts. Choose with --only and "
+        "--transports, and leave out lists",
+        arguments.scenario, table::many(scenario.runs.size(), "run", "runs"),
+        table::many(scenario.hosts.components.size(), "component", "components"));
   scenario.repeat = 1;
   return scenario;
 }
@@ -71,8 +72,8 @@ void check_never(const std::string& name) {
   for (const auto& key : keys) words.push_back(key.substr(key.rfind('.') + 1));
   if (std::ranges::find(words, name) != words.end()) return;
   const auto meant = spelling::suggestion(name, words);
-  throw Error(2, fmt::format("--never: a search does not set '{}'{}", name,
-                             meant.empty() ? fmt::format(". It may set: {}", fmt::join(keys, ", ")) : meant));
+  throw wrong("--never: a search does not set '{}'{}", name,
+              meant.empty() ? fmt::format(". It may set: {}", fmt::join(keys, ", ")) : meant);
 }
 
 // The CPUs that settings may use: without those of --keep-cpus-off.
@@ -81,14 +82,12 @@ std::vector<int> cpus_of(const Arguments& arguments, std::vector<int> cpus) {
   const auto there = realtime::list_of(cpus);
   const auto off = realtime::cpus_of(arguments.keep_cpus_off);
   if (!off)
-    throw Error(2, fmt::format("--keep-cpus-off: '{}' is not a CPU list, such as 0 or 0-1,3. CPUs here: {}",
-                               arguments.keep_cpus_off, there));
+    throw wrong("--keep-cpus-off: '{}' is not a CPU list, such as 0 or 0-1,3. CPUs here: {}",
+                arguments.keep_cpus_off, there);
   for (const int cpu : *off)
-    if (std::erase(cpus, cpu) == 0)
-      throw Error(2, fmt::format("--keep-cpus-off: no CPU {} here. CPUs here: {}", cpu, there));
+    if (std::erase(cpus, cpu) == 0) throw wrong("--keep-cpus-off: no CPU {} here. CPUs here: {}", cpu, there);
   if (cpus.empty())
-    throw Error(
-        2, fmt::format("--keep-cpus-off: {} leaves no CPU. CPUs here: {}", arguments.keep_cpus_off, there));
+    throw wrong("--keep-cpus-off: {} leaves no CPU. CPUs here: {}", arguments.keep_cpus_off, there);
   return cpus;
 }
 
@@ -138,7 +137,7 @@ Plan plan_of(const Asked& asked) {
 
 void check_time(const Arguments& arguments, Seconds within, const Plan& plan) {
   if (within < plan.of_run)
-    throw Error(2, fmt::format("--within {}: too short for one run: {}", arguments.within, plan.text()));
+    throw wrong("--within {}: too short for one run: {}", arguments.within, plan.text());
   if (within < plan.of_trial())
     print_error(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
   if (plan.runs > too_many_runs)
@@ -188,8 +187,7 @@ Asked asked_of(const Arguments& arguments) {
   Asked asked;
   asked.goal = read_flag("--goal", [&] { return search::goal_of(arguments.goal); });
   const auto files = scenario_files({arguments.scenario});
-  if (files.size() != 1)
-    throw Error(2, fmt::format("{} has {} scenarios: name one", arguments.scenario, files.size()));
+  if (files.size() != 1) throw wrong("{} has {} scenarios: name one", arguments.scenario, files.size());
   asked.file = files.front();
   asked.selection = arguments.choice.checked();
   asked.scenario = scenario_of(arguments, asked.file, asked.selection, {});
@@ -364,9 +362,9 @@ int run(const Arguments& arguments) {
   auto asked = asked_of(arguments);
   const bool is_in_lab = word_flag<bool>("--on", arguments.on, {{"here", false}, {"lab", true}});
   if (const auto flag = arguments.lab.first_given(); !is_in_lab && !flag.empty())
-    throw Error(2, fmt::format("{} applies to the lab's machine: add --on lab, or leave it out", flag));
+    throw wrong("{} applies to the lab's machine: add --on lab, or leave it out", flag);
   if (is_in_lab && !arguments.choice.selection.cable.empty())
-    throw Error(2, "--cable does not apply to the lab's machine: leave it out");
+    throw wrong("--cable does not apply to the lab's machine: leave it out");
   std::optional<InLab> lab;
   if (is_in_lab) {
     const auto machine = arguments.lab.machine();
