@@ -47,15 +47,7 @@ std::uint64_t count(const std::vector<Finding>& findings, Severity severity) {
 }  // namespace
 
 const char* word_of(Severity severity) {
-  switch (severity) {
-    case Severity::hint:
-      return "warning";
-    case Severity::wrong:
-      return "error";
-    case Severity::fine:
-      break;
-  }
-  return "ok";
+  return severity == Severity::wrong ? "error" : severity == Severity::hint ? "warning" : "ok";
 }
 
 std::vector<Finding> check(const Subject& subject) {

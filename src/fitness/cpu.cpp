@@ -10,6 +10,7 @@
 #include "fitness/look.hpp"
 #include "machine/machine.hpp"
 #include "realtime/realtime.hpp"
+#include "table/table.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -33,9 +34,8 @@ Findings governor(const Look& look) {
     if (const auto one = look.text(folder + cpu + "/cpufreq/scaling_governor")) ++governors[*one];
   if (governors.empty()) return {};
   if (governors.size() == 1 && governors.contains("performance")) return {fine("performance")};
-  std::vector<std::string> words;
-  words.reserve(governors.size());
-  for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
+  const auto words = table::texts_of(
+      governors, [](const auto& one) { return fmt::format("{} on {} CPUs", one.first, one.second); });
   return {{Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
            "between messages the CPU slows down; it needs milliseconds to speed up when one arrives",
            "sudo ontime tune apply --set governor=performance"}};

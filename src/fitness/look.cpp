@@ -29,13 +29,6 @@ bool Look::exists(const std::string& path) const {
   return fs::exists(at(path), none);
 }
 
-std::string Look::canonical(const std::string& path) const {
-  std::error_code none;
-  const auto found = fs::canonical(at(path), none).string(), root = fs::canonical(at("/"), none).string();
-  if (found.empty()) return "";
-  return root == "/" ? found : found.substr(std::min(found.size(), root.size()));
-}
-
 std::vector<process::Stat> Look::processes() const {
   std::vector<process::Stat> found;
   for (const auto& pid : names("/proc"))

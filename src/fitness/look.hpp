@@ -22,7 +22,6 @@ class Look {
   std::optional<std::int64_t> number(const std::string& path) const;
   std::vector<std::string> names(const std::string& folder) const;  // in order
   bool exists(const std::string& path) const;
-  std::string canonical(const std::string& path) const;  // without the root; "" if it is not there
 
   std::vector<process::Stat> kernel_threads(const std::string& prefix) const;
   // Any process may have this name: where its program can be read, that counts, too.

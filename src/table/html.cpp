@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <array>
-#include <sstream>
 #include <utility>
 
 #include <fmt/format.h>
@@ -42,11 +41,12 @@ std::string escaped(const std::string& text) {
   return result;
 }
 
+std::string escaped_lines(const std::string& text) {
+  return join(texts_of(split(text, '\n'), escaped), "\n");
+}
+
 std::string note_as_html(const std::string& note) {
-  std::vector<std::string> lines;
-  std::istringstream text(note);
-  for (std::string line; std::getline(text, line);) lines.push_back(escaped(line));
-  return "<p class=\"note\">" + join(lines, "\n") + "</p>\n";
+  return "<p class=\"note\">" + escaped_lines(note) + "</p>\n";
 }
 
 std::string as_html(const Table& table) {

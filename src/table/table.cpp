@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "table/table.hpp"
 
-#include <cstddef>
-
 namespace ontime::table {
 
 std::string printable_lines(const std::string& text) {
-  auto lines = split(text, '\n');
-  for (auto& line : lines) line = printable(line);
-  return join(lines, "\n");
+  return join(texts_of(split(text, '\n'), [](const std::string& line) { return printable(line); }), "\n");
 }
 
 Page printable(Page page) {

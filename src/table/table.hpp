@@ -6,6 +6,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -42,6 +43,12 @@ std::string percent(double share, int digits, Limit limit);
 std::string points(double difference);     // of two shares: "+20", "-0.008"
 int decimals_that_show(double below_one);  // enough not to print 0: 2 for 0.05
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
+template <class All, class TextOf>
+std::vector<std::string> texts_of(const All& all, TextOf text_of) {  // of each one
+  std::vector<std::string> texts;
+  for (const auto& one : all) texts.push_back(std::invoke(text_of, one));
+  return texts;
+}
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
 // As one command, which a POSIX shell, zsh and fish take for these words.
 std::string shell_line(const std::vector<std::string>& words);
@@ -68,9 +75,7 @@ struct Table {
 };
 
 inline std::vector<std::string> names_of(const Table& table) {
-  std::vector<std::string> names;
-  for (const auto& column : table.columns) names.push_back(column.name);
-  return names;
+  return texts_of(table.columns, &Column::name);
 }
 
 // Of its name's lines, and of its cells.
@@ -98,9 +103,10 @@ std::string as_csv(const std::vector<std::string>& header, const std::vector<std
 // Escaped for HTML, between tags and within quoted attributes. Characters that are not printable() are
 // replaced, too.
 std::string escaped(const std::string& text);
-std::string note_as_html(const std::string& note);  // its lines stay lines
-std::string as_html(const Table&);                  // with its caption, conditions and notes
-extern const std::string_view style;                // page.css, as it was when this was built
+std::string escaped_lines(const std::string& text);  // its lines stay lines
+std::string note_as_html(const std::string& note);   // its lines stay lines
+std::string as_html(const Table&);                   // with its caption, conditions and notes
+extern const std::string_view style;                 // page.css, as it was when this was built
 // One file that opens anywhere, without a network: page.css is its style. A content security policy lets no
 // script run but these. `body` is markup.
 std::string standing_alone(const std::string& title, const std::string& body,
