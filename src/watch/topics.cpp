@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <functional>
 
 #include "watch/exposition.hpp"
 #include "watch/watch.hpp"
@@ -137,26 +138,23 @@ std::string TopicCounters::metrics() const {
   const auto count_of = [&](const Series& all, const char* name, const char* help, auto value_of) {
     text.begin(name, "counter", help);
     for (const auto& [labels, counts] : all.series)
-      if (const std::optional<std::uint64_t> value = value_of(counts)) text.add(labels, *value);
+      if (const std::optional<std::uint64_t> value = std::invoke(value_of, counts)) text.add(labels, *value);
   };
   const auto count = [&](const char* name, const char* help, auto value_of) {
     count_of(topics_, name, help, value_of);
   };
   count("topic_messages_total", "Messages that a reader took; without a reader, messages published.",
-        [](const auto& counts) { return counts.messages; });
-  count("topic_late_total", "Messages that missed a limit.", [](const auto& counts) { return counts.late; });
+        &Counts::messages);
+  count("topic_late_total", "Messages that missed a limit.", &Counts::late);
   count("topic_not_judged_total", "Messages that ontime may have made late, by setting or removing probes.",
-        [](const auto& counts) { return counts.not_judged; });
-  count("topic_lost_total", "Messages published and never taken.",
-        [](const auto& counts) { return counts.lost; });
+        &Counts::not_judged);
+  count("topic_lost_total", "Messages published and never taken.", &Counts::lost);
   count("topic_lost_not_judged_total",
         "Messages that ontime may have made lost, by setting or removing probes.", [](const auto& counts) {
           return counts.lost ? std::optional(counts.lost_not_judged) : std::nullopt;
         });
-  count("topic_duplicated_total", "Repeated takes of a message.",
-        [](const auto& counts) { return counts.duplicated; });
-  count("topic_out_of_order_total", "Messages that a later one overtook.",
-        [](const auto& counts) { return counts.reordered; });
+  count("topic_duplicated_total", "Repeated takes of a message.", &Counts::duplicated);
+  count("topic_out_of_order_total", "Messages that a later one overtook.", &Counts::reordered);
   const auto spread = [&](const Series& all, const char* name, const char* help, Spread Counts::*member) {
     text.begin(name, "histogram", help);
     for (const auto& [labels, counts] : all.series)
@@ -173,10 +171,9 @@ std::string TopicCounters::metrics() const {
     spread(chains_, "chain_age_seconds",
            "From the publish of a chain's first message to the take of its last.", &Counts::age);
     count_of(chains_, "chain_late_total", "Messages that took longer through a chain than its limit.",
-             [](const auto& counts) { return counts.late; });
+             &Counts::late);
     count_of(chains_, "chain_not_judged_total",
-             "Messages that ontime may have made late, by setting or removing probes.",
-             [](const auto& counts) { return counts.not_judged; });
+             "Messages that ontime may have made late, by setting or removing probes.", &Counts::not_judged);
     text.begin("chain_ended_total", "counter", "Messages of a chain's first topic that ended at this step.");
     for (const auto& [labels, ended] : ended_) text.add(labels, ended);
   }
