@@ -221,6 +221,14 @@ std::vector<int> online_cpus() {
   return realtime::cpus_of(list).value_or(std::vector<int>{});
 }
 
+std::string missing_cpu(const std::string& cpus) {
+  const auto there = online_cpus();
+  for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
+    if (std::ranges::find(there, cpu) == there.end())
+      return fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there));
+  return "";
+}
+
 std::vector<Thing> cpus_with_governor() {
   std::vector<Thing> found;
   for (const int number : online_cpus())

@@ -115,6 +115,7 @@ std::string values_that_keep(const State&);
 
 // An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
 std::vector<int> online_cpus();
+std::string missing_cpu(const std::string& cpus);  // "there is no CPU 9; there are 0-3"; "": all are there
 
 // "ontime tune apply --set gro=off --interface eth0"
 std::string command_to_apply(const std::string& program, const Wishes&, const Link&);

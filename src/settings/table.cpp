@@ -101,10 +101,7 @@ std::string priorities_stated(Text asked) {
 }
 
 void check_online(Text cpus) {
-  const auto there = online_cpus();
-  for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
-    if (std::ranges::find(there, cpu) == there.end())
-      throw Unknown(fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there)));
+  if (const auto missing = missing_cpu(cpus); !missing.empty()) throw Unknown(missing);
 }
 
 // ── The new value of a thing
