@@ -89,24 +89,14 @@ std::string message_of(const CLI::App* from, const CLI::Error& error) {
 
 }  // namespace
 
-Option* Option::type_name(const std::string& name) {
-  option_->type_name(name);
-  return this;
-}
-Option* Option::group(const std::string& title) {
-  option_->group(title);
-  return this;
-}
-Option* Option::required() {
-  option_->required();
-  return this;
-}
+void Option::group(const std::string& title) { option_->group(title); }
+void Option::required() { option_->required(); }
 Option* Option::given() {
   const auto flaw = [](const std::string& value) { return value.empty() ? "a value is needed" : ""; };
   option_->check(CLI::Validator(flaw, ""));
   return this;
 }
-Option* Option::in_a_folder() {
+void Option::in_a_folder() {
   const auto flaw = [](const std::string& file) -> std::string {
     const auto name = table::printable(file);
     std::error_code none, unknown;
@@ -120,32 +110,19 @@ Option* Option::in_a_folder() {
                              table::printable(folder.string()));
   };
   option_->check(CLI::Validator(flaw, ""));
+}
+void Option::range(int least, int most) { option_->check(CLI::Range(least, most)); }
+Option* Option::one_a_flag() {
+  option_->allow_extra_args(false);
   return this;
 }
-Option* Option::range(int least, int most) {
-  option_->check(CLI::Range(least, most));
-  return this;
-}
-Option* Option::delimiter(char between) {
-  option_->delimiter(between);
-  return this;
-}
-Option* Option::allow_extra_args(bool allowed) {
-  option_->allow_extra_args(allowed);
-  return this;
-}
-Option* Option::expected(int least, int most) {
-  option_->expected(least, most);
-  return this;
-}
+void Option::comma_separated() { option_->delimiter(','); }
+void Option::without_value() { option_->expected(0, 1); }
 Option* Option::excludes(const std::string& flag) {
   option_->excludes(flag);
   return this;
 }
-Option* Option::needs(const std::string& flag) {
-  option_->needs(flag);
-  return this;
-}
+void Option::needs(const std::string& flag) { option_->needs(flag); }
 
 std::size_t Option::count() const { return option_->count(); }
 bool Option::is_shown() const { return !option_->get_group().empty(); }
@@ -169,13 +146,16 @@ Command* Command::add_subcommand(const std::string& name, const std::string& hel
 }
 
 template <class Value>
-Option* Command::add_option(const std::string& flags, Value& value, const std::string& help) {
-  return keep(app_->add_option(flags, value, help));
+Option* Command::add_option(const std::string& flags, Value& value, const std::string& help,
+                            const std::string& what) {
+  auto* const option = app_->add_option(flags, value, help);
+  return keep(what.empty() ? option : option->type_name(what));
 }
-template Option* Command::add_option(const std::string&, std::string&, const std::string&);
-template Option* Command::add_option(const std::string&, std::vector<std::string>&, const std::string&);
-template Option* Command::add_option(const std::string&, std::optional<int>&, const std::string&);
-template Option* Command::add_option(const std::string&, std::optional<std::int64_t>&, const std::string&);
+using Text = const std::string&;
+template Option* Command::add_option(Text, std::string&, Text, Text);
+template Option* Command::add_option(Text, std::vector<std::string>&, Text, Text);
+template Option* Command::add_option(Text, std::optional<int>&, Text, Text);
+template Option* Command::add_option(Text, std::optional<std::int64_t>&, Text, Text);
 Option* Command::add_flag(const std::string& flags, bool& value, const std::string& help) {
   return keep(app_->add_flag(flags, value, help));
 }
@@ -184,14 +164,8 @@ Command* Command::group(const std::string& title) {
   app_->group(title);
   return this;
 }
-Command* Command::footer(const std::string& text) {
-  app_->footer(text);
-  return this;
-}
-Command* Command::require_subcommand() {
-  app_->require_subcommand(1);
-  return this;
-}
+void Command::footer(const std::string& text) { app_->footer(text); }
+void Command::require_subcommand() { app_->require_subcommand(1); }
 void Command::calls(Action action) {
   app_->callback([this, action = std::move(action)] { chosen_ = action; });
 }

@@ -26,17 +26,16 @@ class Option {
   Option(const Option&) = delete;
   Option& operator=(const Option&) = delete;
 
-  Option* type_name(const std::string&);    // "on|off": these words, which shells complete
-  Option* group(const std::string& title);  // in --help; "": --help hides it
-  Option* required();
-  Option* given();        // refuses an empty value, such as a script's unset variable
-  Option* in_a_folder();  // refuses a file where none can be made: a folder, or one in a missing folder
-  Option* range(int least, int most);
-  Option* delimiter(char);         // of a list
-  Option* allow_extra_args(bool);  // false: each value of a list has its own flag
-  Option* expected(int least, int most);
+  void group(const std::string& title);  // in --help; "": --help hides it
+  void required();
+  Option* given();     // refuses an empty value, such as a script's unset variable
+  void in_a_folder();  // refuses a file where none can be made: a folder, or one in a missing folder
+  void range(int least, int most);
+  Option* one_a_flag();                       // each value of a list has its own flag …
+  void comma_separated();                     // … or stands behind a comma
+  void without_value();                       // its value can be left out
   Option* excludes(const std::string& flag);  // a flag that was added before
-  Option* needs(const std::string& flag);     // a flag that was added before
+  void needs(const std::string& flag);        // a flag that was added before
 
   std::size_t count() const;  // how often the user gave it
   bool is_shown() const;      // in --help
@@ -59,14 +58,16 @@ class Command {
 
   // Options and commands live as long as this one. A value must live until the command has run.
   Command* add_subcommand(const std::string& name, const std::string& help);
-  // A string, a list of strings, or an optional number.
+  // A string, a list of strings, or an optional number. --help calls the value `what`; of "on|off" shells
+  // complete the words.
   template <class Value>
-  Option* add_option(const std::string& flags, Value& value, const std::string& help);
+  Option* add_option(const std::string& flags, Value& value, const std::string& help,
+                     const std::string& what = "");
   Option* add_flag(const std::string& flags, bool& value, const std::string& help);
 
   Command* group(const std::string& title);  // in --help; "": --help hides it
-  Command* footer(const std::string& text);
-  Command* require_subcommand();
+  void footer(const std::string& text);
+  void require_subcommand();
   void calls(Action);  // if the user names it, after the whole command line is parsed
 
   std::string name() const;

@@ -182,9 +182,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
   const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
     throw wrong("--plot: no metric has a change to draw. Check that the runs are complete: ontime report");
-  Output output(file, Kind::figure);
-  output.write(drawn(commands));
-  output.finish();
+  write_whole(file, drawn(commands), Kind::figure);
 }
 
 int compare(const CompareArguments& arguments, const GateFlags& flags) {
@@ -237,17 +235,15 @@ void add_compare(Command& app) {
   add_only(*command, arguments->only);
   command
       ->add_option("--from", arguments->from,
-                   "compare the run with this id or number, and its repetitions, …")
-      ->type_name("RUN")
+                   "compare the run with this id or number, and its repetitions, …", "RUN")
       ->excludes("--only");
-  command->add_option("--to", arguments->to, "… with this run of A or B; their conditions may differ")
-      ->type_name("RUN")
+  command->add_option("--to", arguments->to, "… with this run of A or B; their conditions may differ", "RUN")
       ->excludes("--only");
-  command
-      ->add_option("--by", arguments->by,
-                   "compare runs of A that differ only in this key, such as kernel.threaded-napi; --from and "
-                   "--to choose two values")
-      ->type_name("KEY");
+  command->add_option(
+      "--by", arguments->by,
+      "compare runs of A that differ only in this key, such as kernel.threaded-napi; --from and "
+      "--to choose two values",
+      "KEY");
   command->add_flag(
       "--single-runs", arguments->single_runs,
       "with --fail-if: judge a change even if a side has one run; differences between runs are then ignored");

@@ -2,7 +2,6 @@
 #include "explain/explain.hpp"
 
 #include <algorithm>
-#include <optional>
 
 #include <fmt/format.h>
 
@@ -35,16 +34,13 @@ const explain::Message& message_of(const report::Explained& one, std::int64_t in
   return *found;
 }
 
-// Writes the traces of the chosen message, or of all traced messages, to a file.
 void write_perfetto(const ExplainArguments& arguments, const record::Reader& reader,
                     const report::Explained& one, const explain::Pong* pong) {
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
   if (messages.empty())
     throw wrong("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number);
-  Output file(arguments.perfetto, Kind::json);
-  file.write(report::perfetto_of(reader, one.run, messages, pong));
-  file.finish();
+  write_whole(arguments.perfetto, report::perfetto_of(reader, one.run, messages, pong), Kind::json);
 }
 
 int explain(const ExplainArguments& arguments) {
@@ -83,12 +79,10 @@ void add_explain(Command& app) {
   auto arguments = std::make_shared<ExplainArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");
-  command->add_option("--message", arguments->message, "show each part of this message's delay")
-      ->type_name("N");
+  command->add_option("--message", arguments->message, "show each part of this message's delay", "N");
   add_file(*command, "--pong", arguments->pong,
            "traces from the other machine, recorded by `ontime pong --explain --results FILE`");
-  command->add_option("--format", arguments->format, "table, json or markdown (default: table)")
-      ->type_name("FORMAT");
+  command->add_option("--format", arguments->format, "table, json or markdown (default: table)", "FORMAT");
   add_file(*command, "--perfetto", arguments->perfetto,
            "write the traces of these messages to this file, for ui.perfetto.dev");
   command->calls([arguments] { return explain(*arguments); });

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "report/export.hpp"
-
 #include <boost/algorithm/string/predicate.hpp>
 #include <fmt/format.h>
 
@@ -8,6 +6,7 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
+#include "report/export.hpp"
 
 namespace ontime::app {
 namespace {
@@ -51,10 +50,8 @@ void add_export(Command& app) {
   auto* command = app.add_subcommand("export", "Exports every sample of a results file as CSV or JSON Lines");
   auto arguments = std::make_shared<ExportArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command
-      ->add_option("--format", arguments->format,
-                   "csv or jsonl (default: as the file's ending says, else csv)")
-      ->type_name("FORMAT");
+  command->add_option("--format", arguments->format,
+                      "csv or jsonl (default: as the file's ending says, else csv)", "FORMAT");
   add_only(*command, arguments->only, ",--run");
   add_output(*command, arguments->output);
   command->calls([arguments] { return export_results(*arguments); });

@@ -10,9 +10,9 @@
 
 namespace ontime::app {
 
-Option* add_list(Command& command, const std::string& flag, std::vector<std::string>& values,
-                 const char* what, const char* help) {
-  return add_value(command, flag, values, what, help)->delimiter(',')->allow_extra_args(false);
+void add_list(Command& command, const std::string& flag, std::vector<std::string>& values, const char* what,
+              const char* help) {
+  add_value(command, flag, values, what, help)->one_a_flag()->comma_separated();
 }
 
 Option* add_file(Command& command, const char* flag, std::string& file, const char* help) {
@@ -42,13 +42,13 @@ void add_report_output(Command& command, std::string& file) {
 }
 
 void add_report_format(Command& command, std::string& word, bool& full) {
-  command.add_option("--format", word, "table, json, csv, markdown, latex or html (default: table)")
-      ->type_name("FORMAT");
+  command.add_option("--format", word, "table, json, csv, markdown, latex or html (default: table)",
+                     "FORMAT");
   command.add_flag("--full", full, "print every table instead of the 24-line summary");
 }
 
 void add_format(Command& command, std::string& word) {
-  command.add_option("--format", word, "table or json (default: table)")->type_name("FORMAT");
+  command.add_option("--format", word, "table or json (default: table)", "FORMAT");
 }
 
 void add_link(Command& command, std::string& interface, std::string& peer, const char* interface_help) {

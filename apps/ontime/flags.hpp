@@ -31,11 +31,11 @@ orders::Error wrong(fmt::format_string<Arguments...> text, Arguments&&... argume
 template <class Value>
 Option* add_value(Command& command, const std::string& flag, Value& value, const char* what,
                   const std::string& help) {
-  return command.add_option(flag, value, help)->type_name(what)->given();
+  return command.add_option(flag, value, help, what)->given();
 }
 // A list: values separated by commas, or the flag repeated.
-Option* add_list(Command&, const std::string& flag, std::vector<std::string>& values, const char* what,
-                 const char* help);
+void add_list(Command&, const std::string& flag, std::vector<std::string>& values, const char* what,
+              const char* help);
 Option* add_file(Command&, const char* flag, std::string& file, const char* help);
 // --results, to write: refuses a folder, and a file whose folder does not exist.
 void add_results(Command&, std::string& file, const char* help);

@@ -22,7 +22,7 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
   const auto* const example = use == gate::Use::fail_if
                                   ? "exit with 1 if this holds for a run: 'response late > 0', 'p99.9 > 2 ms'"
                                   : "exit with 1 if this holds: 'p99.9 > +10%', 'response late > 0'";
-  command.add_option("--fail-if", fail_if_, example)->type_name("GATE")->allow_extra_args(false);
+  command.add_option("--fail-if", fail_if_, example, "GATE")->one_a_flag();
   add_file(command, "--junit", junit_,
            "write the pass or fail of each requirement to this file, as JUnit XML");
 }

@@ -79,22 +79,18 @@ void add_import(Command& app) {
   command->add_option("BAG", bag.bag, "a rosbag2 folder, .db3 or .mcap file; with --from: a cyclictest file")
       ->required();
   add_value(*command, "--topic", bag.topics, "TOPIC", "judge only this topic; repeatable (default: all)")
-      ->allow_extra_args(false);
+      ->one_a_flag();
   add_limits(*command, bag, "a message is late if it is older than this when recorded");
   add_format(*command, bag.format);
   add_output(*command, bag.output);
-  command
-      ->add_option("--from", arguments->from,
-                   "format of a cyclictest file: cyclictest-histogram (text) or cyclictest-json")
-      ->type_name("FORM");
+  command->add_option("--from", arguments->from,
+                      "format of a cyclictest file: cyclictest-histogram (text) or cyclictest-json", "FORM");
   add_results(*command, bag.results,
               "add runs to this results file; a bag adds one for each age and period of a topic");
   add_value(*command, "--id", arguments->id, "ID",
             "id of the cyclictest runs, for compare (default: cyclictest)");
-  command
-      ->add_option("--unit", arguments->unit,
-                   "unit of a histogram: us, or ns for cyclictest -N (default: us)")
-      ->type_name("UNIT");
+  command->add_option("--unit", arguments->unit,
+                      "unit of a histogram: us, or ns for cyclictest -N (default: us)", "UNIT");
   command->calls([command, arguments] { return import_file(*command, *arguments); });
 }
 

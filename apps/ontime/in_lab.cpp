@@ -72,15 +72,14 @@ void LabFlags::add(Command& command, const std::string& title) {
                        "count instructions as time, so that every run repeats exactly (default)"));
   add(command.add_flag("--live", live_, "use this machine's time, with its disturbances"))
       ->excludes("--deterministic");
-  add(command.add_option("--cpus", cpus_, "number of CPUs (default: 1; with --live: 2)"))
-      ->type_name("N")
+  add(command.add_option("--cpus", cpus_, "number of CPUs (default: 1; with --live: 2)", "N"))
       ->range(1, lab::most_cpus);
   add(add_value(command, "--kernel", machine_.kernel, "PACKAGE",
                 "Debian package of the kernel (default: linux-image-rt-amd64)"));
   add(add_value(command, "--memory", memory_, "SIZE", "memory of the machine (default: 2 GiB)"));
   add(add_value(command, "--with", with_, "PATH",
                 "copy this file or folder to the same path in the machine; repeatable"))
-      ->allow_extra_args(false);
+      ->one_a_flag();
 }
 
 lab::Machine LabFlags::machine() const {

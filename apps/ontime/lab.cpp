@@ -6,7 +6,6 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "in_lab.hpp"
-#include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "measured.hpp"
 #include "scenario_files.hpp"

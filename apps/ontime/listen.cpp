@@ -6,10 +6,9 @@
 #include <exception>
 #include <filesystem>
 #include <iterator>
+#include <map>
 #include <numeric>
-#include <set>
 #include <tuple>
-#include <utility>
 
 #include <fmt/format.h>
 
@@ -19,8 +18,6 @@
 #include "listen_chains.hpp"
 #include "listen_cost.hpp"
 #include "listen_results.hpp"
-#include "listen_sensor.hpp"
-#include "listen_verdict.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
 #include "output.hpp"
@@ -62,6 +59,24 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
   throw wrong("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep);
 }
+
+// A message can miss both limits, and several can arrive at the same time.
+class LateMessages {
+ public:
+  void add(const listen::Miss& miss) {
+    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
+    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
+  }
+  std::size_t count() const {
+    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
+      return sum + std::max(one.second.first, one.second.second);
+    });
+  }
+
+ private:
+  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
+  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
+};
 
 class Listening {
  public:
@@ -329,11 +344,12 @@ class Listening {
     if (as_json_) {
       auto cost = cost_.json(findings.cost);
       cost["budget"] = budget_ ? budget_->json() : ordered_json();
-      ordered_json json{
+      const auto to_json = [](const auto& one) { return json_of(one); };
+      const ordered_json json{
           {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(cost_.from_ns())},
-          {"flows", ordered_json::array()},
-          {"chains", ordered_json::array()},
-          {"misses", ordered_json::array()},
+          {"flows", report::array_of(findings.flows, to_json)},
+          {"chains", report::array_of(findings.chains, to_json)},
+          {"misses", report::array_of(misses_, to_json)},
           {"misses_left_out", misses_left_out(findings)},
           {"forgotten",
            {{"flows", forgotten.flows},
@@ -342,9 +358,6 @@ class Listening {
           {"sensor_lost", findings.sensor_lost},
           {"cost", cost},
           {"remarks", findings.remarks}};
-      for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
-      for (const auto& chain : findings.chains) json["chains"].push_back(json_of(chain));
-      for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
       return output_.write(report::json_text(json));
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
@@ -422,7 +435,7 @@ void add_listen(Command& app) {
       *command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
       "follow messages through nodes from the first topic to the last, such as /scan,/map,/cmd_vel@50ms "
       "(late after 50 ms); latest:/map links /map to the latest message that its process took")
-      ->allow_extra_args(false);
+      ->one_a_flag();
   add_limits(*command, *arguments, "a message is late when its age at the take exceeds this");
   add_value(*command, "--for", arguments->time, "TIME", "end after this time (default: at Ctrl-C)");
   command->add_flag("--list", arguments->list, "list the topics with their writers and readers, after 3 s");

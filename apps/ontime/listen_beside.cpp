@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "listen_sensor.hpp"
+#include "listening.hpp"
 #include "spelling/spelling.hpp"
 #include "terminal.hpp"
 

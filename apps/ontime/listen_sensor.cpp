@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "listen_sensor.hpp"
-
 #include <algorithm>
 #include <utility>
 
@@ -10,6 +8,7 @@
 #include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
+#include "listening.hpp"
 #include "scenario/scenario.hpp"
 #include "transport/shipped.hpp"
 

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "listen_verdict.hpp"
-
 #include <algorithm>
 
 #include <fmt/format.h>
 
 #include "listen_chains.hpp"
 #include "listen_words.hpp"
+#include "listening.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"

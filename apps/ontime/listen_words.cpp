@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "listen_words.hpp"
 
-#include <chrono>
-#include <optional>
 #include <type_traits>
 
 #include <fmt/chrono.h>

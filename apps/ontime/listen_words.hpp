@@ -2,16 +2,10 @@
 // The findings of a sensor as text and as JSON (docs/reference/json-listen.md). Pure.
 #pragma once
 
-#include <algorithm>
 #include <chrono>
-#include <cstddef>
 #include <cstdint>
-#include <map>
-#include <numeric>
 #include <optional>
 #include <string>
-#include <tuple>
-#include <utility>
 
 #include <nlohmann/json.hpp>
 
@@ -43,23 +37,5 @@ nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);
 nlohmann::ordered_json json_of(const listen::Miss&);
-
-// A message can miss both limits, and several can arrive at the same time.
-class LateMessages {
- public:
-  void add(const listen::Miss& miss) {
-    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
-    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
-  }
-  std::size_t count() const {
-    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
-      return sum + std::max(one.second.first, one.second.second);
-    });
-  }
-
- private:
-  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
-  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
-};
 
 }  // namespace ontime::app

@@ -22,7 +22,8 @@ int main(int argc, char** argv) {
                   "Measures whether a robot's messages arrive on time under load, and explains late ones",
                   "ontime " ONTIME_VERSION);
   auto& app = program.command();
-  app.require_subcommand()->footer(exit_codes);
+  app.require_subcommand();
+  app.footer(exit_codes);
 
   const std::pair<const char*, std::vector<void (*)(Command&)>> groups[] = {
       {"Measure", {add_run, add_ping, add_pong, add_listen, add_watch, add_scenarios, add_init}},

@@ -128,11 +128,9 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
   if (fs::exists(path, none) && !(fs::is_regular_file(path, none) && can_replace(path, Kind::page)))
     throw wrong("{} exists and is not an ontime page. Fix: ontime report {} --format html --output FILE",
                 path, results);
-  Output output(path, Kind::page);
   // The file may have runs that another process measured.
-  output.write(page::page_of(reader, summaries,
-                             {.file = fs::path(results).filename().string(), .trusts = is_trusted}));
-  output.finish();
+  const report::Origin origin{.file = fs::path(results).filename().string(), .trusts = is_trusted};
+  write_whole(path, page::page_of(reader, summaries, origin), Kind::page);
   return path;
 }
 

@@ -107,20 +107,11 @@ bool is_results(const std::string& path) {
 
 Kind kind_of(report::Format format) {
   using report::Format;
-  switch (format) {
-    case Format::json:
-      return Kind::json;
-    case Format::csv:
-      return Kind::csv;
-    case Format::latex:
-      return Kind::latex;
-    case Format::html:
-      return Kind::page;
-    case Format::table:
-    case Format::markdown:
-      break;
-  }
-  return Kind::text;
+  return format == Format::json    ? Kind::json
+         : format == Format::csv   ? Kind::csv
+         : format == Format::latex ? Kind::latex
+         : format == Format::html  ? Kind::page
+                                   : Kind::text;
 }
 
 bool can_replace(const std::string& path, Kind kind) {

@@ -23,8 +23,7 @@ void add_ping(Command& app) {
   };
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
-  command->add_option("--wait", arguments->wait, "how long to wait for pong (default: 10 s)")
-      ->type_name("TIME");
+  command->add_option("--wait", arguments->wait, "how long to wait for pong (default: 10 s)", "TIME");
   command
       ->add_flag("--loopback", arguments->loopback,
                  "also start pong on this machine; no second terminal is needed")

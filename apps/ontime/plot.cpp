@@ -128,12 +128,11 @@ void add_plot(Command& app) {
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_file(*command, "--output", arguments->output,
            "figure file: .svg, .pdf or .png (default: NAME-FIGURE.svg beside RESULTS)");
-  command
-      ->add_option(
-          "--figure", arguments->figure,
-          "time (round trips over time), ccdf (exceedance), conditions (one row for each), payload (round "
-          "trip by payload) or background (round trip by rate of background topics) (default: time)")
-      ->type_name("FIGURE");
+  command->add_option(
+      "--figure", arguments->figure,
+      "time (round trips over time), ccdf (exceedance), conditions (one row for each), payload (round "
+      "trip by payload) or background (round trip by rate of background topics) (default: time)",
+      "FIGURE");
   add_only(*command, arguments->only, ",--runs");
   command->add_flag("--wide", arguments->wide, "draw two columns wide, instead of one");
   command->calls([arguments] { return plot(*arguments); });

@@ -13,8 +13,8 @@ namespace ontime::app {
 namespace {
 
 void print_opened(const record::Transport& transport) {
-  std::vector<std::string> facts;
-  for (const auto& [name, value] : transport.facts) facts.push_back(fmt::format("{} {}", name, value));
+  const auto facts = table::texts_of(
+      transport.facts, [](const auto& fact) { return fmt::format("{} {}", fact.first, fact.second); });
   print_error(fmt::format("pong answers over {} ({}): {}. Ctrl-C ends it.", transport.name, transport.version,
                           fmt::join(facts, ", ")));
 }

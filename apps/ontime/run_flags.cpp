@@ -9,7 +9,6 @@
 
 #include "flags.hpp"
 #include "process/process.hpp"
-#include "realtime/realtime.hpp"
 #include "settings/settings.hpp"
 #include "table/table.hpp"
 #include "transport/shipped.hpp"
@@ -45,14 +44,6 @@ std::string with_a_transport() {
   return line ? ". Fix: " + *line : "";
 }
 
-// For programs of this machine.
-void check_cpus(const std::string& flag, const std::string& list) {
-  const auto there = settings::online_cpus();
-  for (const int cpu : realtime::cpus_of(list).value_or(std::vector<int>{}))
-    if (std::ranges::find(there, cpu) == there.end())
-      throw wrong("{}: there is no CPU {}; there are {}", flag, cpu, realtime::list_of(there));
-}
-
 // pong answers every payload up to this one; its default is campaign::pong's.
 constexpr const char* pong_payload = "largest payload, without the 8-byte sequence number (default: 60 kB)";
 
@@ -69,17 +60,16 @@ RunFlags::RunFlags(Command& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
     auto& flag = flags_[key.path];
-    auto* option = flag.option = app.add_option(key.flag, flag.value, help_of(key, end));
-    if (key.values == "on|off") option->expected(0, 1);  // without a value: on
-    option->type_name(key.path == "transport" ? "TRANSPORT" : key.values);
+    auto* option = flag.option = app.add_option(key.flag, flag.value, help_of(key, end),
+                                                key.path == "transport" ? "TRANSPORT" : key.values);
+    if (key.values == "on|off") option->without_value();  // it is on then
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each implies --realtime on)");
   }
   add_value(app, "--interface", interface_, "NAME", "the link under test; messages use no other");
   app.add_option("--peer", peers_,
-                 "address of the peer: for a transport without discovery, or besides the discovery of a DDS")
-      ->type_name("HOST[:PORT]");
-  app.add_option("--option", options_, "option of the transport; an unknown NAME lists all")
-      ->type_name("NAME=VALUE");
+                 "address of the peer: for a transport without discovery, or besides the discovery of a DDS",
+                 "HOST[:PORT]");
+  app.add_option("--option", options_, "option of the transport; an unknown NAME lists all", "NAME=VALUE");
 }
 
 campaign::Run RunFlags::run() const {
@@ -92,7 +82,9 @@ campaign::Run RunFlags::run() const {
     const bool alone = value.empty() && key.values == "on|off";
     if (value.empty() && !alone) throw wrong("{}: a value is needed", key.flag);
     read_flag(key.flag, [&] { key.set(run, alone ? "on" : value); });
-    if (key.path.ends_with(".cpus")) check_cpus(key.flag, value);
+    if (const auto missing = key.path.ends_with(".cpus") ? settings::missing_cpu(value) : "";
+        !missing.empty())  // for programs of this machine
+      throw wrong("{}: {}", key.flag, missing);
   }
   if (std::ranges::any_of(peers_, [](const auto& peer) { return peer.empty(); }))
     throw wrong("--peer: a value is needed");

@@ -140,17 +140,8 @@ std::string simulated_text(const SearchReport& report) {
 }
 
 const char* purpose_words(Purpose purpose) {
-  switch (purpose) {
-    case Purpose::measure:
-      return "measured alone";
-    case Purpose::add:
-      return "added";
-    case Purpose::remove:
-      return "removed";
-    case Purpose::confirm:
-      return "measured again";
-  }
-  return "";
+  constexpr const char* words[] = {"measured alone", "added", "removed", "measured again"};
+  return words[static_cast<std::size_t>(purpose)];
 }
 
 // ── The picture: one row a trial, one column a limit; the share that broke it, on a logarithmic scale.
@@ -217,12 +208,6 @@ std::string picture_of(const SearchReport& report) {
   return svg + "</svg>";
 }
 
-ordered_json json_of(const search::Set& set) {
-  auto object = ordered_json::object();
-  for (const auto& [key, value] : set) object[key] = value;
-  return object;
-}
-
 ordered_json json_of(const std::vector<search::Share>& shares) {
   auto all = ordered_json::array();
   for (const auto& share : shares)
@@ -233,25 +218,16 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
-std::string escaped_lines(const std::string& text) {
-  auto lines = table::split(text, '\n');
-  for (auto& line : lines) line = escaped(line);
-  return table::join(lines, "\n");
-}
-
 }  // namespace
 
 std::string goal_of(const search::Problem& problem) {
-  std::vector<std::string> limits;
-  for (const auto& limit : problem.goal) limits.push_back(limit.text);
-  return fmt::format("{}", fmt::join(limits, " and "));
+  return table::join(table::texts_of(problem.goal, &search::Limit::text), " and ");
 }
 
 std::string words_of(const search::Set& set) {
   if (set.empty()) return "no settings";
-  std::vector<std::string> words;
-  for (const auto& [key, value] : set) words.push_back(fmt::format("{}: {}", key, value));
-  return fmt::format("{}", fmt::join(words, ", "));
+  const auto words_of_one = [](const auto& one) { return fmt::format("{}: {}", one.first, one.second); };
+  return table::join(table::texts_of(set, words_of_one), ", ");
 }
 
 std::string text_of(const SearchReport& report) {
@@ -287,7 +263,7 @@ ordered_json json_of(const SearchReport& report) {
                    {"end", search::word_of(outcome.end)},
                    {"why", outcome.end == End::cannot_measure ? outcome.why : report.stopped},
                    {"simulated", report.simulated.empty() ? ordered_json() : ordered_json(report.simulated)},
-                   {"set", json_of(outcome.set)},
+                   {"set", outcome.set},
                    {"runs", outcome.runs},
                    {"results", report.results},
                    {"page", report.page}};
@@ -317,8 +293,8 @@ ordered_json json_of(const SearchReport& report) {
   auto& trials = all["trials"] = ordered_json::array();
   for (const auto& trial : outcome.trials)
     trials.push_back({{"purpose", search::word_of(trial.purpose)},
-                      {"set", json_of(trial.set)},
-                      {"reference", json_of(trial.reference)},
+                      {"set", trial.set},
+                      {"reference", trial.reference},
                       {"decision", search::word_of(trial.decision)},
                       {"why", trial.why},
                       {"runs", trial.runs},
@@ -346,7 +322,7 @@ std::string page_of(const SearchReport& report) {
     body += "</ul>";
   }
   for (const auto& [title, words] : how_to_keep(report.kept))
-    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), escaped_lines(words));
+    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), table::escaped_lines(words));
   body +=
       "<h2>Trials</h2><p>Share of messages (response: of cycles) that break each limit. Blue: the settings "
       "of the trial. Gray: "

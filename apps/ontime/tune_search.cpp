@@ -413,8 +413,7 @@ void add_tune_search(Command& tune) {
            "never set these (list below), such as irq-threads");
   command
       ->add_option("--below-priority", arguments->below_priority,
-                   "keep threads of the kernel below this priority (default: the application's, or 80)")
-      ->type_name("N")
+                   "keep threads of the kernel below this priority (default: the application's, or 80)", "N")
       ->range(2, 99);
   add_value(*command, "--keep-cpus-off", arguments->keep_cpus_off, "LIST",
             "move no threads or interrupts to these CPUs");

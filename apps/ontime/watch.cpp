@@ -81,8 +81,8 @@ void add_watch(Command& app) {
       app.add_subcommand("watch", "Follows a running measurement from another terminal until it ends");
   auto arguments = std::make_shared<WatchArguments>();
   command->add_option("RESULTS", arguments->results, "results file of the measurement")->required();
-  command->add_option("--format", arguments->format, "table, or json: one object per second (default: table)")
-      ->type_name("FORMAT");
+  command->add_option("--format", arguments->format, "table, or json: one object per second (default: table)",
+                      "FORMAT");
   add_metrics(*command, arguments->metrics);
   command->calls([arguments] { return follow(*arguments); });
 }
