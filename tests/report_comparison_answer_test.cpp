@@ -3,7 +3,7 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
-#include "report/export.hpp"
+#include "report/report.hpp"
 #include "report_comparison.hpp"
 
 namespace ontime::report {

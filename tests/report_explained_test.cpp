@@ -6,8 +6,8 @@
 #include <fmt/format.h>
 
 #include "json.hpp"
-#include "report/causes.hpp"
 #include "report/explained.hpp"
+#include "report/runs.hpp"
 #include "report_fixture.hpp"
 #include "table/table.hpp"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "json.hpp"
-#include "report/export.hpp"
+#include "report/report.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {

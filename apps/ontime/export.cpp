@@ -6,7 +6,7 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
-#include "report/export.hpp"
+#include "report/report.hpp"
 
 namespace ontime::app {
 namespace {

@@ -11,7 +11,7 @@
 
 #include "flags.hpp"
 #include "output.hpp"
-#include "report/export.hpp"
+#include "report/report.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {

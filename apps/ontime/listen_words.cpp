@@ -6,7 +6,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "report/causes.hpp"
+#include "report/runs.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <bit>
 #include <map>
-#include <stdexcept>
 #include <utility>
 
 #include <sodium.h>

@@ -13,8 +13,6 @@ namespace {
 
 using nlohmann::json;
 using statistics::Distribution;
-using statistics::Figure;
-using statistics::Summary;
 
 // More would make the page too big for a browser: these take 13 MB.
 constexpr std::uint64_t most_messages = 5'000'000;

@@ -7,7 +7,6 @@
 #include <fmt/format.h>
 
 #include "page/parts.hpp"
-#include "report/answer.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -18,8 +17,6 @@ namespace ontime::page {
 namespace {
 
 using nlohmann::json;
-using statistics::Figure;
-using statistics::Summary;
 
 // Runs of an id as the page names them, in its order: figures_of() has the same.
 struct Shown {

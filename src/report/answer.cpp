@@ -16,7 +16,6 @@
 namespace ontime::report {
 namespace {
 
-using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
 

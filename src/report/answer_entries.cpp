@@ -22,8 +22,6 @@ bool knows_missed(const record::Run& run) {
 }
 
 using gate::Flaw;
-using statistics::Figure;
-using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
 
@@ -108,10 +106,8 @@ Regime regime_of(const Summary& run) {
 }
 
 std::vector<std::string> words_of(const std::vector<Stress>& stress, const char* of_another) {
-  std::vector<std::string> words;
-  words.reserve(stress.size());
-  for (const auto& [what, is_of_another] : stress) words.push_back(what + (is_of_another ? of_another : ""));
-  return words;
+  return texts_of(stress,
+                  [&](const Stress& one) { return one.what + (one.is_of_another ? of_another : ""); });
 }
 
 std::vector<Entry> entries_of(const Summaries& summaries, std::optional<std::int64_t> running_from) {
@@ -165,9 +161,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
       }
   }
   auto remarks = shared_remarks(runs);
-  std::vector<std::string> names_of_runs;
-  for (const auto* run : runs) names_of_runs.push_back(gate::name_of(*run));
-  gather_requirements(remarks, names_of_runs);
+  gather_requirements(remarks, texts_of(runs, [](const auto* run) { return gate::name_of(*run); }));
   std::vector<std::string> cautions;
   const auto about = [&](std::vector<std::size_t> places, const std::string& text) {
     std::ranges::sort(places);

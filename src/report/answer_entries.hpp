@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "report/answer.hpp"
-#include "report/groups.hpp"
+#include "report/runs.hpp"
 
 namespace ontime::report {
 

@@ -3,7 +3,6 @@
 #include <cmath>
 #include <filesystem>
 #include <initializer_list>
-#include <optional>
 #include <span>
 #include <string_view>
 
@@ -35,11 +34,6 @@ constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
 constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
 constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live",
                                               "--resume", "--full",    "--deterministic"};
-constexpr std::string_view without_explain[] = {"--deploy", "--cable", "--only", "--transports",
-                                                "--duration"};
-constexpr std::string_view without_only[] = {"--deploy", "--cable", "--transports", "--duration"};
-constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
-constexpr std::string_view without_either[] = {"--deploy", "--cable", "--transports"};
 constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
 // Those that name files or interfaces.
 constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
@@ -82,8 +76,8 @@ std::string scenario_of(const Summary& run) {
   return file.string();
 }
 
-// The wanted options of the scenario's command line, with their values; and all options of the lab.
-std::vector<std::string> options_of(const Summary& run, Options wanted, bool is_own) {
+// Options of the scenario's command line, with their values, without these; and all options of the lab.
+std::vector<std::string> options_of(const Summary& run, Options without, bool is_own) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
   const bool in_lab = is_simulated(run);
@@ -92,8 +86,8 @@ std::vector<std::string> options_of(const Summary& run, Options wanted, bool is_
     if (!words[i].starts_with('-')) continue;
     const auto name = name_of_option(words[i]);
     const bool has_value = takes_value(words[i]) && i + 1 < words.size();
-    if ((is_one_of(name, wanted) || (in_lab && is_one_of(name, of_the_lab))) &&
-        (is_own || !is_one_of(name, only_own))) {
+    const bool is_wanted = is_one_of(name, of_all) && !is_one_of(name, without);
+    if ((is_wanted || (in_lab && is_one_of(name, of_the_lab))) && (is_own || !is_one_of(name, only_own))) {
       kept.push_back(words[i]);
       if (has_value) kept.push_back(words[i + 1]);
     }
@@ -111,12 +105,11 @@ bool is_harmless(const std::string& option) {
 }
 
 // The words of ping or listen again, without where it writes. Of a stranger's file only what is harmless.
-std::vector<std::string> again_alone(const std::vector<std::string>& words, Options wanted, bool is_own) {
+std::vector<std::string> again_alone(const std::vector<std::string>& words, Options without, bool is_own) {
   const bool listens = words[1] == "listen";
   const auto is_kept = [&](const std::string& option) {
-    const auto chosen = option == "--for" ? std::string("--duration") : option;
     if (is_one_of(option, of_output) || (!is_own && !is_harmless(option))) return false;
-    return (chosen != "--duration" && chosen != "--explain") || is_one_of(chosen, wanted);
+    return !is_one_of(option == "--for" ? "--duration" : option, without);
   };
   std::vector<std::string> kept = {"ontime", words[1]};
   // So many words, the values of an option that is dropped. ping has no words but values.
@@ -144,11 +137,11 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
 
 // The words that measure this run again; none, if they are not known. With --only, which may choose runs of
 // other scenarios, they name all that were run with it.
-std::vector<std::string> again(const Summary& run, Options wanted, const Origin& origin) {
+std::vector<std::string> again(const Summary& run, Options without, const Origin& origin) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (scenario.starts_with('-')) return {};  // of a foreign file: it would be an option
-    const auto named = is_one_of("--only", wanted) ? scenarios_named(run) : std::vector<std::string>();
+    const auto named = is_one_of("--only", without) ? std::vector<std::string>() : scenarios_named(run);
     const auto is_trusted = [&](const auto& one) {
       return origin.is_own || (origin.trusts && origin.trusts(one));
     };
@@ -157,12 +150,12 @@ std::vector<std::string> again(const Summary& run, Options wanted, const Origin&
     all.emplace_back("run");
     for (const auto& one : named.empty() ? std::vector{scenario} : named)
       all.push_back(is_trusted(one) ? one : "SCENARIO");
-    const auto options = options_of(run, wanted, origin.is_own);
+    const auto options = options_of(run, without, origin.is_own);
     all.insert(all.end(), options.begin(), options.end());
     return all;
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
-  return again_alone(words, wanted, origin.is_own);
+  return again_alone(words, without, origin.is_own);
 }
 
 // It fails again without it.
@@ -194,7 +187,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
       if (!origin.is_own && std::ranges::find(words, word) != words.end())
         steps.back().fill_in.emplace_back(word);
   };
-  const auto again = [&](const Summary& run, Options wanted) { return report::again(run, wanted, origin); };
+  const auto again = [&](const Summary& run, std::initializer_list<std::string_view> without) {
+    return report::again(run, without, origin);
+  };
   const auto with = [](std::vector<std::string> words, std::initializer_list<std::string> further) {
     if (!words.empty()) words.insert(words.end(), further);
     return words;
@@ -205,22 +200,22 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     return words.size() > 1 && words[1] != "ping" && !is_of_listen(words);
   };
   const auto file = table::as_operand(origin.file);
-  if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, of_all), true);
+  if (found.denied != nullptr && !origin.is_root) add("Permit all", again(*found.denied, {}), true);
   if (origin.running_from && !file.empty())
     add("Watch", {"ontime", "watch", file});
   else if (!origin.finish.empty())
     steps.push_back({"Finish", origin.finish});
   else if (found.unfinished != nullptr && !file.empty())
-    if (const auto words = again(*found.unfinished, of_all); is_of_scenario(words))
+    if (const auto words = again(*found.unfinished, {}); is_of_scenario(words))
       add("Finish", with(words, {"--resume", "--results", file}),
           found.failed && needs_root(*found.unfinished));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
-    const auto words = again(*found.late, without_explain);
+    const auto words = again(*found.late, {"--explain"});
     if ((found.late->run.asked.explain || is_of_listen(words)) && !file.empty())
       add("Why late", {"ontime", "explain", file});
     else if (is_of_scenario(words) && can_be_named(id))
-      add("Why late", with(again(*found.late, without_only), {"--only", id, "--explain"}), true);
+      add("Why late", with(again(*found.late, {"--only", "--explain"}), {"--only", id, "--explain"}), true);
     else
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
@@ -235,13 +230,14 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   if (found.longer != nullptr && found.longer_ns > 0) {
     const auto id = word(found.longer->run.asked.id);
     const bool is_alone = origin.only == id && can_be_named(id);  // `report --only` showed no other
-    auto words = again(*found.longer, is_alone ? Options(without_either) : Options(without_duration));
+    auto words = is_alone ? again(*found.longer, {"--only", "--duration", "--explain"})
+                          : again(*found.longer, {"--duration", "--explain"});
     if (is_alone && is_of_scenario(words)) words = with(words, {"--only", id});
     const bool listens = is_of_listen(words);
     add(found.longer_tells, with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}),
         listens);
   }
-  const auto words = again(*found.any, of_all);
+  const auto words = again(*found.any, {});
   if (!file.empty())
     add("All tables", origin.only.empty() ? Words{"ontime", "report", file, "--full"}
                                           : Words{"ontime", "report", file, "--only", origin.only, "--full"});

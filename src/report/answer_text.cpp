@@ -15,7 +15,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
 using Row = Answer::Row;
 using State = Answer::State;
 

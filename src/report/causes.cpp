@@ -1,11 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "report/causes.hpp"
-
 #include <algorithm>
 #include <cctype>
 #include <map>
 #include <tuple>
-#include <utility>
 
 #include <fmt/format.h>
 

@@ -13,14 +13,11 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
 using statistics::Bound;
 using statistics::Certainty;
 using statistics::Extremes;
-using statistics::Figure;
 using statistics::Interval;
 using statistics::Probability;
-using statistics::Summary;
 
 constexpr double one_in_a_million = 1e-6;
 constexpr double worth_a_word = 3;  // a design effect that widens a bound more than users expect
@@ -175,12 +172,11 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
     reason.same = reason.same && reason.text == why;
     reason.runs.push_back(i);
   }
-  std::vector<std::string> notes;
-  notes.reserve(reasons.size());
-  for (const auto& [common, reason] : reasons)
-    notes.push_back(name_of_some(names, reason.runs) +
-                    ": no extrapolated worst case: " + (reason.same ? reason.text : common));
-  return notes;
+  return texts_of(reasons, [&](const auto& one) {
+    const auto& [common, reason] = one;
+    return name_of_some(names, reason.runs) +
+           ": no extrapolated worst case: " + (reason.same ? reason.text : common);
+  });
 }
 
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {

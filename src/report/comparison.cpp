@@ -14,8 +14,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
-using statistics::Figure;
 using statistics::Tendency;
 using statistics::Times;
 using statistics::Verdict;
@@ -104,10 +102,7 @@ bool is_beyond(const Pair& pair, const Quantity& row) {
 }
 
 std::string list_of(const std::vector<Difference>& differences) {
-  std::vector<std::string> parts;
-  parts.reserve(differences.size());
-  for (const auto& difference : differences) parts.push_back(difference.text);
-  return join(parts, "; ");
+  return join(texts_of(differences, &Difference::text), "; ");
 }
 
 // "idle udp", or "demo udp → demo cyclonedds" where the sides have other names.
@@ -236,11 +231,10 @@ std::string name_of(const Runs& runs) {
 }
 
 std::string list_of(const std::vector<Runs>& groups) {
-  std::vector<std::string> names;
-  names.reserve(groups.size());
-  for (const auto& group : groups)
-    names.push_back(fmt::format("{} ({})", name_of(group), many(group.size(), "run", "runs")));
-  return join(names, "; ");
+  const auto text = [](const Runs& runs) {
+    return fmt::format("{} ({})", name_of(runs), many(runs.size(), "run", "runs"));
+  };
+  return join(texts_of(groups, text), "; ");
 }
 
 // --- for programs ---

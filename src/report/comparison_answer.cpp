@@ -15,7 +15,6 @@ namespace ontime::report {
 namespace {
 
 using statistics::Change;
-using statistics::Figure;
 using statistics::Tendency;
 using statistics::Times;
 using statistics::Verdict;
@@ -202,11 +201,11 @@ std::string differences_text(const Comparison& comparison) {
         known.push_back(std::move(difference));
     }
   std::ranges::stable_sort(kinds, {}, [](const auto& kind) { return kind.second.size(); });
-  std::vector<std::string> parts;
-  parts.reserve(kinds.size());
-  for (const auto& [name, all] : kinds)
-    parts.push_back(all.size() > 1 ? fmt::format("{} ({} values)", name, all.size()) : all.front().text);
-  return join(parts, "; ");
+  const auto text = [](const auto& kind) {
+    const auto& [name, all] = kind;
+    return all.size() > 1 ? fmt::format("{} ({} values)", name, all.size()) : all.front().text;
+  };
+  return join(texts_of(kinds, text), "; ");
 }
 
 // "4 of 8 runs (idle udp (run 1), …): text", in so much space: names are cut before the text.

@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "report/groups.hpp"
+#include "report/runs.hpp"
 
 namespace ontime::report {
 

@@ -81,10 +81,10 @@ Values values_of(const Comparison::Runs& runs) {
 std::string one_of(const Values& values, const std::string& name, const conditions::Key* key = nullptr) {
   const auto found = values.find(name);
   if (found == values.end()) return nothing;
-  std::vector<std::string> words;
-  for (const auto& value : found->second)
-    words.push_back(key == nullptr ? value : words_of_value(key->path, value));
-  return join(words, " or ");
+  const auto words = [&](const auto& value) {
+    return key == nullptr ? value : words_of_value(key->path, value);
+  };
+  return join(texts_of(found->second, words), " or ");
 }
 
 // The record's words for background topics.

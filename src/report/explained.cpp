@@ -6,11 +6,9 @@
 #include <set>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 #include <fmt/format.h>
 
-#include "report/causes.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -22,7 +20,6 @@ using explain::Cause;
 using explain::Group;
 using explain::Message;
 using explain::Part;
-using nlohmann::ordered_json;
 
 constexpr std::int64_t worth_naming_ns = 20'000;  // of a message that was on time
 

@@ -7,8 +7,6 @@
 namespace ontime::report {
 namespace {
 
-using statistics::Summary;
-
 std::string label_of(const Summary& summary) {
   const auto variant = word(summary.run.asked.variant);
   return fmt::format("{} ({})", variant, shortened(word(summary.imported->file), 40));

@@ -12,8 +12,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
-
 double in_us(double ns) { return std::round(ns) / 1e3; }
 double in_us(std::int64_t ns) { return static_cast<double>(ns) / 1e3; }
 
@@ -188,9 +186,7 @@ ordered_json json_of(const statistics::Summary& summary) {
 std::string csv_of(const Summaries& summaries) {
   const auto columns = fields();
   const auto options = OptionColumns(summaries);
-  std::vector<std::string> header;
-  header.reserve(columns.size());
-  for (const auto& column : columns) header.push_back(column.name);
+  auto header = texts_of(columns, &Field::name);
   options.add_names(header);
 
   std::vector<std::vector<std::string>> rows;

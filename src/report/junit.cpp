@@ -5,7 +5,7 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
-#include "report/export.hpp"
+#include "report/report.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {

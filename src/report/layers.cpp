@@ -14,12 +14,10 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
 using statistics::Cost;
 using statistics::Estimate;
 using statistics::Layer;
 using statistics::Layers;
-using statistics::Summary;
 
 constexpr double bar_width = 24;
 
@@ -85,11 +83,10 @@ std::vector<std::string> missing(const Layers& layers) {
   std::vector<std::pair<std::string, std::vector<std::string>>> by_reason;
   for (const auto& [id, reason] : layers.missing)
     entry_of(by_reason, reason).push_back(shortened(word(id), gate::longest_id));
-  std::vector<std::string> notes;
-  notes.reserve(by_reason.size());
-  for (const auto& [reason, ids] : by_reason)
-    notes.push_back("Not measured: " + join(ids, ", ") + (reason.empty() ? "" : ": " + word(reason)));
-  return notes;
+  return texts_of(by_reason, [](const auto& one) {
+    const auto& [reason, ids] = one;
+    return "Not measured: " + join(ids, ", ") + (reason.empty() ? "" : ": " + word(reason));
+  });
 }
 
 std::string instructions_note(const Layers& layers) {

@@ -238,8 +238,8 @@ std::string words_of_value(const std::string& stated, const std::string& value) 
 }
 
 std::vector<std::string> words_of_values(const std::string& key, const std::vector<std::string>& values) {
-  std::vector<std::string> words, apart;
-  for (const auto& value : values) words.push_back(words_of_value(key, value));
+  const auto words = texts_of(values, [&](const auto& value) { return words_of_value(key, value); });
+  std::vector<std::string> apart;
   for (std::size_t i = 0; i < values.size(); ++i)
     apart.push_back(std::ranges::count(words, words[i]) > 1 ? values[i] : words[i]);
   return apart;

@@ -17,7 +17,6 @@ namespace {
 
 using nlohmann::json;
 using record::Asked;
-using statistics::Summary;
 
 // "every 10 ms"; "": the record does not say it.
 std::string phrase_of(const conditions::Field& field, const json& value) {
@@ -108,10 +107,10 @@ std::string wire(const conditions::Wire& wire) {
 
 // "kernel: irq-threads 90, ksoftirqd 60".
 std::string kernel(const settings::Wishes& asked) {
-  std::vector<std::string> parts;
-  for (const auto& [name, value] : asked)
-    parts.push_back(shortened(printable(name) + " " + word(value), longest_value));
-  return parts.empty() ? "" : "kernel: " + join(parts, ", ");
+  const auto text = [](const auto& wish) {
+    return shortened(printable(wish.first) + " " + word(wish.second), longest_value);
+  };
+  return asked.empty() ? "" : "kernel: " + join(texts_of(asked, text), ", ");
 }
 
 std::string quality_of_service(const transport::Qos& qos) {

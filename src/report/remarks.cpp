@@ -9,7 +9,6 @@
 
 #include "gate/gate.hpp"
 #include "realtime/realtime.hpp"
-#include "report/causes.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -336,11 +335,10 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
 }
 
 std::string remarks(const statistics::Summary& summary) {
-  std::vector<std::string> texts;
-  for (const auto& remark : remarks_of(summary))
-    texts.push_back(remark.amount ? replace_all(remark.text, "{}", remark.shown(*remark.amount))
-                                  : remark.text);
-  return join(texts, "; ");
+  const auto text = [](const Remark& remark) {
+    return remark.amount ? replace_all(remark.text, "{}", remark.shown(*remark.amount)) : remark.text;
+  };
+  return join(texts_of(remarks_of(summary), text), "; ");
 }
 
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
@@ -407,10 +405,9 @@ void gather_requirements(std::vector<SharedRemark>& remarks, const std::vector<s
 std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group& runs) {
   std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
   for (const auto& remark : shared_remarks(runs)) entry_of(notes, remark.runs).push_back(remark.text);
-  std::vector<std::string> lines;
-  lines.reserve(notes.size());
-  for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));
-  return lines;
+  return texts_of(notes, [&](const auto& note) {
+    return name_of_some(names, note.first) + ": " + join(note.second, "; ");
+  });
 }
 
 }  // namespace ontime::report

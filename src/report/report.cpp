@@ -10,16 +10,10 @@ namespace {
 
 std::string page_text(const Page& unchecked, Format format, std::size_t width) {
   const auto page = format == Format::table ? printable(unchecked) : without_drawings(printable(unchecked));
-  switch (format) {
-    case Format::markdown:
-      return as_markdown(page);
-    case Format::latex:
-      return as_latex(page);
-    case Format::html:
-      return as_html(page);
-    default:
-      return as_text(page, width);
-  }
+  return format == Format::markdown ? as_markdown(page)
+         : format == Format::latex  ? as_latex(page)
+         : format == Format::html   ? as_html(page)
+                                    : as_text(page, width);
 }
 
 }  // namespace

@@ -13,14 +13,35 @@
 
 namespace ontime::report {
 
+using nlohmann::ordered_json;
+using statistics::Figure;
+using statistics::Summary;
 using Summaries = std::vector<statistics::Summary>;
 using Group = std::vector<const statistics::Summary*>;
+
+Group all_of(const Summaries&);
+Group last_of(const Summaries&);             // without those that were measured again
+std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
+std::string quantity_of(const Group&);       // "Round trip", "Age" …; "Time" if they differ
+bool all_listened(const Group&);             // to a robot's own messages: without answers and cycles
 
 // After the first message was due. A damaged file's times do not overflow.
 inline double seconds_into(const statistics::Summary& run, std::int64_t at_ns) {
   return (static_cast<double>(at_ns) - static_cast<double>(run.start_ns)) / 1e9;
 }
 
+// Late messages of `ontime listen` with the same cause.
+struct SameCause {
+  std::vector<const record::Note*> notes{};  // the earliest first
+  // What they say: of each time the shortest and the longest; details, such as a CPU, only if all have the
+  // same. Notes of an older ontime are the same if their texts are, but for numbers: the first one's text,
+  // which includes the fix.
+  std::string text{}, fix{};  // fix: "" if nothing helps
+};
+// Of notes why a message was late, which stay where they are. The most messages first.
+std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>&);
+// One line: "2026-11-25 03:50:43  26.1 ms old (limit 5 ms): …; fix: …".
+std::string text_of(const record::LateCause&);
 std::string text_of(const record::Note&);                    // in every output: its cause, if that is known
 nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);

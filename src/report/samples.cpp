@@ -5,7 +5,7 @@
 
 #include <fmt/format.h>
 
-#include "report/export.hpp"
+#include "report/report.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {

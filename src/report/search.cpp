@@ -16,9 +16,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::ordered_json;
-using statistics::Summary;
-
 // The runs of one value.
 struct Step {
   std::string value;

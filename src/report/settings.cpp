@@ -7,6 +7,7 @@
 
 #include "gate/gate.hpp"
 #include "report/conditions.hpp"
+#include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -43,14 +44,43 @@ std::string values_of(const std::vector<std::pair<std::string, std::string>>& of
   std::vector<std::pair<std::string, std::vector<std::string>>> all;
   for (const auto& [run, value] : of_runs) entry_of(all, value).push_back(run);
   if (all.size() == 1) return all.front().first;
-  std::vector<std::string> parts;
-  parts.reserve(all.size());
-  for (const auto& [value, runs] : all)
-    parts.push_back(fmt::format("{} ({} {})", value, runs.size() == 1 ? "run" : "runs", join(runs, ", ")));
-  return join(parts, "; ");
+  const auto text = [](const auto& one) {
+    const auto& [value, runs] = one;
+    return fmt::format("{} ({} {})", value, runs.size() == 1 ? "run" : "runs", join(runs, ", "));
+  };
+  return join(texts_of(all, text), "; ");
+}
+
+// Settings that were denied: those with one remedy together.
+std::vector<std::string> refusals_at(const std::vector<const record::Host*>& ends) {
+  struct Refused {
+    std::vector<std::string> found, asked;
+  };
+  std::vector<std::pair<std::string, Refused>> all;  // by remedy
+  for (const auto* end : ends)
+    for (const auto& refusal : end->refusals) {
+      auto remedy = printable_lines(refusal.remedy);  // which are to be copied
+      if (remedy.ends_with('\n')) remedy.pop_back();
+      auto& [found, asked] = entry_of(all, remedy);
+      add_once(found, word(refusal.found));
+      add_once(asked, word(refusal.asked));
+    }
+  return texts_of(all, [](const auto& one) {
+    return fmt::format("Requested, denied: {};\nfound: {};\nfix: {}", join(one.second.asked, ", "),
+                       join(one.second.found, "; "), one.first);
+  });
 }
 
 }  // namespace
+
+std::vector<std::string> refusals(const Summaries& summaries) {
+  std::vector<const record::Host*> ends;
+  for (const auto& summary : summaries)
+    for (const auto& [host, end] : summary.run.outcome.hosts) ends.push_back(&end);
+  return refusals_at(ends);
+}
+
+std::vector<std::string> refusals_of(const record::Host& end) { return refusals_at({&end}); }
 
 Table differences_of(const Summaries& summaries) {
   const auto all = all_of(summaries);

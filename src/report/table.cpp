@@ -16,8 +16,6 @@ namespace ontime::report {
 namespace {
 
 using statistics::Distribution;
-using statistics::Figure;
-using statistics::Summary;
 
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
 

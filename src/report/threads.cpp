@@ -11,7 +11,6 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
-using nlohmann::ordered_json;
 
 constexpr std::initializer_list<const char*> run_keys = {"id", "transport", "repetition"};
 constexpr std::initializer_list<const char*> further_run_keys = {"component_transport", "receive"};

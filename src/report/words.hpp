@@ -8,7 +8,6 @@
 #include <initializer_list>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -24,23 +23,7 @@ inline constexpr std::size_t most_cautions = 3;  // of the first screen
 std::string more_cautions(std::size_t all);      // "… and 2 more cautions (--full)", a line; "": none
 
 using record::at;
-using table::as_csv;
-using table::as_html;
-using table::Column;
-using table::decimals_that_show;
-using table::escaped;
-using table::grouped;
-using table::join;
-using table::many;
-using table::note_as_html;
-using table::Page;
-using table::printable;
-using table::replace_all;
-using table::shortened;
-using table::split;
-using table::Table;
-using table::width_of;
-using table::wrapped;
+using namespace table;  // texts and tables have the same names here
 
 std::string word(const nlohmann::json&);  // on one line; `nothing` for null
 std::string word(const std::string&);     // on one line; `nothing` for an empty text
