@@ -17,9 +17,6 @@
 namespace ontime::plot {
 namespace {
 
-using statistics::Figure;
-using statistics::Summary;
-
 struct Abscissa {
   const char* key;  // of a scenario
   const char* label;
@@ -153,8 +150,10 @@ std::string plot_against(const Group& group, const Plot& plot) {
   }
   const Range range = greatest > 0 ? Range{std::min(least, greatest) / 1.4, greatest * 1.4} : Range{0.1, 10};
   std::vector<Entry> entries;
-  std::vector<std::string> parts;
-  std::vector<std::pair<std::string, std::string>> data;
+  struct Data {
+    std::string name, lines, with, bars;
+  };
+  std::vector<Data> data;
   bool any_repeated = false, any_missed = false, any_p50 = false, any_p99 = false;
   for (const auto& [name, places] : series) {
     const auto i = entries.size();
@@ -177,10 +176,10 @@ std::string plot_against(const Group& group, const Plot& plot) {
     entries.push_back({name, solid, fmt::format("{} linecolor rgb '{}'", filled, colour(i))});
     const auto add = [&](const char* kind, const std::string& lines, const std::string& with) {
       if (lines.empty()) return;  // all messages of all its runs were lost, or there are too few for a p99
-      data.emplace_back(fmt::format("{}{}", kind, i), lines);
-      parts.push_back(fmt::format("${}{} using 1:2 with linespoints {} {}", kind, i, with, solid));
-      if (any_repeated)
-        parts.push_back(fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", kind, i, solid));
+      data.push_back(
+          {fmt::format("{}{}", kind, i), lines, fmt::format("using 1:2 with linespoints {} {}", with, solid),
+           any_repeated ? fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", kind, i, solid)
+                        : ""});
     };
     any_p50 |= !p50.empty();
     any_p99 |= !p99.empty();
@@ -188,9 +187,8 @@ std::string plot_against(const Group& group, const Plot& plot) {
     add("tail", p99, fmt::format("pointtype {} pointsize 0.4 dashtype 2", points));
     if (missed.empty()) continue;
     any_missed = true;
-    data.emplace_back(fmt::format("missed{}", i), missed);
-    parts.push_back(
-        fmt::format("$missed{} using 1:2 with points pointtype 2 pointsize 0.7 linecolor rgb '#000000'", i));
+    data.push_back({fmt::format("missed{}", i), missed,
+                    "using 1:2 with points pointtype 2 pointsize 0.7 linecolor rgb '#000000'", ""});
   }
   if (any_p50) entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
   if (any_p99)
@@ -213,13 +211,16 @@ std::string plot_against(const Group& group, const Plot& plot) {
   for (const auto& [name, at] : series)
     for (const auto& [x, runs] : at) places.insert(x);
   if (const auto tics = place_tics(axis, places, abscissa); !tics.empty()) sheet.add(tics);
-  for (const auto& [name, lines] : data) sheet.data(name, lines);
+  for (const auto& [name, lines, with, bars] : data) {
+    sheet.draw(name, lines, with);
+    if (!bars.empty()) sheet.draw(bars);
+  }
   sheet.text(0.2, (axes.top + axes.bottom) / 2, report::quantity_of(drawn.empty() ? group : drawn),
              "center rotate");
   sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, abscissa.label, "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
-  if (parts.empty()) parts.emplace_back("NaN notitle");
-  sheet.plot(axes, parts);
+  if (data.empty()) sheet.draw("NaN notitle");
+  sheet.plot(axes);
   return sheet.commands();
 }
 

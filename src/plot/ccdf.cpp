@@ -14,8 +14,6 @@
 namespace ontime::plot {
 namespace {
 
-using statistics::Summary;
-
 // Of messages that were sent together: how many of them took so long or longer.
 class Curve {
  public:
@@ -193,21 +191,15 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   sheet.text(0.2, (axes.top + axes.bottom) / 2, "Share of messages slower", "center rotate");
   sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, report::quantity_of(group), "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
-  std::vector<std::string> parts;
   for (std::size_t i = 0; i < conditions.size(); ++i) {
-    if (bands[i].empty()) continue;
     const bool is_spread = timed[i].size() > 1;
-    sheet.data(fmt::format("band{}", i), bands[i]);
-    parts.push_back(
-        fmt::format("$band{} {} with filledcurves {} {} fillstyle transparent solid 0.18 noborder", i,
-                    is_spread ? "using 1:2:3" : "using 1:2", is_spread ? "" : "closed", styles[i]));
+    sheet.draw(fmt::format("band{}", i), bands[i],
+               fmt::format("{} with filledcurves {} {} fillstyle transparent solid 0.18 noborder",
+                           is_spread ? "using 1:2:3" : "using 1:2", is_spread ? "" : "closed", styles[i]));
   }
-  for (std::size_t i = 0; i < conditions.size(); ++i) {
-    if (lines[i].empty()) continue;
-    sheet.data(fmt::format("run{}", i), lines[i]);
-    parts.push_back(fmt::format("$run{} using 1:2 with steps {}", i, entries[i].line));
-  }
-  sheet.plot(axes, parts);
+  for (std::size_t i = 0; i < conditions.size(); ++i)
+    sheet.draw(fmt::format("run{}", i), lines[i], fmt::format("using 1:2 with steps {}", entries[i].line));
+  sheet.plot(axes);
   return sheet.commands();
 }
 

@@ -14,7 +14,6 @@ namespace ontime::plot {
 namespace {
 
 using statistics::Change;
-using statistics::Figure;
 using statistics::Times;
 using statistics::Verdict;
 
@@ -99,6 +98,8 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
   return panel;
 }
 
+constexpr const char *blue = "#0072b2", *orange = "#d55e00", *grey = "#666666";
+
 // The table's verdict. Single runs get none, because one start may differ from the next.
 const char* colour_of(const Change& change) {
   const auto verdict = change.verdict();
@@ -152,9 +153,8 @@ void draw(Sheet& sheet, const Panel& panel, const Box& axes, const Ratios& range
           std::size_t number) {
   const auto rows = static_cast<double>(panel.rows.size());
   sheet.add(fmt::format("set yrange [{}:0]", rows));
-  std::vector<std::string> parts;
-  sheet.data(fmt::format("same{}", number), fmt::format("1 0\n1 {}\n", rows));
-  parts.push_back(fmt::format("$same{} with lines linewidth 0.8 linecolor rgb '#000000'", number));
+  sheet.draw(fmt::format("same{}", number), fmt::format("1 0\n1 {}\n", rows),
+             "with lines linewidth 0.8 linecolor rgb '#000000'");
   for (std::size_t i = 0; i < panel.rows.size(); ++i) {
     const auto& [name, change, has_bar] = panel.rows[i];
     const auto y = static_cast<double>(i) + 0.5, middle = axes.top + y * row_cm;
@@ -163,14 +163,15 @@ void draw(Sheet& sheet, const Panel& panel, const Box& axes, const Ratios& range
                    std::clamp(change.ratio_lies.high.value_or(range.greatest), range.least, range.greatest);
     sheet.text(axes.left - 0.15, middle, name, "right");
     sheet.text(axes.right + 0.15, middle, times_text(change.from, change.to), "left");
-    const auto data = fmt::format("change{}_{}", number, i);
-    sheet.data(data, fmt::format("{:.6g} {} {:.6g} {:.6g}\n",
-                                 std::clamp(*change.ratio, range.least, range.greatest), y, low, high));
-    parts.push_back(fmt::format(
-        "${} using 1:2:3:4 with xerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb '{}'", data,
-        colour_of(change)));
+    sheet.draw(
+        fmt::format("change{}_{}", number, i),
+        fmt::format("{:.6g} {} {:.6g} {:.6g}\n", std::clamp(*change.ratio, range.least, range.greatest), y,
+                    low, high),
+        fmt::format(
+            "using 1:2:3:4 with xerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb '{}'",
+            colour_of(change)));
   }
-  sheet.plot(axes, parts);
+  sheet.plot(axes);
 }
 
 }  // namespace
@@ -191,13 +192,14 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
   }
   if (panels.empty()) return "";
   const auto range = ratios_of(panels);
+  const auto in = [](const char* colour, const char* text) {
+    return Entry{text, fmt::format("linewidth 1.2 linecolor rgb '{}'", colour),
+                 fmt::format("pointtype 7 pointsize 0.45 linecolor rgb '{}'", colour)};
+  };
   std::vector<Entry> entries = {
-      {"B is slower", "linewidth 1.2 linecolor rgb '#d55e00'",
-       "pointtype 7 pointsize 0.45 linecolor rgb '#d55e00'"},
-      {"B is faster", "linewidth 1.2 linecolor rgb '#0072b2'",
-       "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
-      {is_repeated ? "cannot tell" : "cannot tell, or one run on a side",
-       "linewidth 1.2 linecolor rgb '#666666'", "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
+      in(orange, "B is slower"),
+      in(blue, "B is faster"),
+      in(grey, is_repeated ? "cannot tell" : "cannot tell, or one run on a side"),
       {range.is_cut ? "bar: 98 % confidence interval; to the edge: not bounded within 1,000 times"
                     : "bar: 98 % confidence interval; to the edge: not bounded"}};
   if (std::ranges::any_of(panels,

@@ -13,8 +13,6 @@
 namespace ontime::plot {
 namespace {
 
-using statistics::Figure;
-
 struct Drawn {
   Figure figure;
   const char* point;
@@ -109,21 +107,14 @@ struct Lines {
     for (const auto deadline : deadlines_ms(runs))
       deadlines += fmt::format("{0:.6g} {1:.4f}\n{0:.6g} {2:.4f}\n\n", deadline, top, bottom);
   }
-  std::vector<std::string> parts(Sheet& sheet) const {
-    std::vector<std::string> parts;
-    const auto add = [&](const std::string& name, const std::string& lines, const std::string& with) {
-      if (lines.empty()) return;
-      sheet.data(name, lines);
-      parts.push_back(fmt::format("${} {}", name, with));
-    };
-    add("extents", extents, fmt::format("with lines {}", whole_style));
-    add("deadlines", deadlines, fmt::format("with lines {}", deadline_style));
+  void draw(Sheet& sheet) const {
+    sheet.draw("extents", extents, fmt::format("with lines {}", whole_style));
+    sheet.draw("deadlines", deadlines, fmt::format("with lines {}", deadline_style));
     for (std::size_t m = 0; m < metrics.size(); ++m)
-      add(fmt::format("bars{}", m), bars[m],
-          fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
+      sheet.draw(fmt::format("bars{}", m), bars[m],
+                 fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
     for (std::size_t m = 0; m < metrics.size(); ++m)
-      add(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
-    return parts;
+      sheet.draw(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
   }
 
  private:
@@ -170,7 +161,8 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
     lines.add(conditions[i].runs, y, y + strip_cm, range);
     y += strip_cm + gap_cm;
   }
-  sheet.plot(axes, lines.parts(sheet));
+  lines.draw(sheet);
+  sheet.plot(axes);
   return sheet.commands();
 }
 

@@ -15,8 +15,6 @@
 namespace ontime::plot {
 namespace {
 
-using statistics::Summary;
-
 constexpr const char* between_conditions = ", ";
 
 std::string title_of(const Summary& summary) { return shortened(printable(summary.run.asked.title), 60); }
@@ -43,10 +41,7 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
     const auto labels = labels_of_group(runs);
     for (std::size_t i = 0; i < runs.size(); ++i) found[runs[i]] = labels[i];
   }
-  std::vector<std::string> labels;
-  labels.reserve(group.size());
-  for (const auto* run : group) labels.push_back(found.at(run));
-  return labels;
+  return texts_of(group, [&](const auto* run) { return found.at(run); });
 }
 
 // Not measured to its end or as asked.
@@ -107,9 +102,8 @@ std::vector<double> deadlines_ms(const Group& group) {
 }
 
 std::string deadline_text(const std::vector<double>& deadlines) {
-  std::vector<std::string> texts;
-  texts.reserve(deadlines.size());
-  for (const auto ms : deadlines) texts.push_back(duration(std::chrono::nanoseconds(std::llround(ms * 1e6))));
+  const auto texts = texts_of(
+      deadlines, [](double ms) { return duration(std::chrono::nanoseconds(std::llround(ms * 1e6))); });
   return (texts.size() > 1 ? "deadlines " : "deadline ") + join(texts, ", ");
 }
 
@@ -194,17 +188,11 @@ std::vector<const Summary*> left_out(const Summaries& summaries, const Plot& plo
 std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
   auto group = last_of(summaries);
   for (const auto* run : left_out(summaries, plot)) std::erase(group, run);
-  switch (plot.figure) {
-    case Plot::Figure::ccdf:
-      return plot_ccdf(group, plot);
-    case Plot::Figure::conditions:
-      return plot_conditions(group, plot);
-    case Plot::Figure::payload:
-    case Plot::Figure::background:
-      return plot_against(group, plot);
-    default:
-      return plot_over_time(group, plot);
-  }
+  using enum Plot::Figure;
+  return plot.figure == ccdf         ? plot_ccdf(group, plot)
+         : plot.figure == conditions ? plot_conditions(group, plot)
+         : plot.figure == time       ? plot_over_time(group, plot)
+                                     : plot_against(group, plot);
 }
 
 }  // namespace ontime::plot

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -22,25 +23,19 @@ constexpr double sample_cm = 0.85, mark_cm = 0.65, gap_cm = 0.35;  // of a legen
 
 // Whole sizes: a part of a pixel is nothing to gnuplot.
 std::string terminal(const Plot& plot, double width_cm, double height_cm) {
-  switch (plot.form) {
-    case Plot::Form::svg:  // of 96 pixels an inch
-      return fmt::format(
-          "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 rounded noenhanced "
-          "background '#ffffff'\n",
-          width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * pixels_a_pt);
-    case Plot::Form::pdf:
-      return fmt::format(
-          "set terminal pdfcairo size {:.2f}cm,{:.2f}cm font 'Helvetica,{}' linewidth 1 rounded noenhanced\n",
-          width_cm, height_cm, font_pt);
-    case Plot::Form::png: {
-      const double finer = pixels_a_cm * 2.54 / 96;
-      return fmt::format(
-          "set terminal pngcairo size {:.0f},{:.0f} font 'Helvetica,{}' fontscale {:.3f} linewidth {:.3f} "
-          "pointscale {:.3f} rounded noenhanced\n",
-          width_cm * pixels_a_cm, height_cm * pixels_a_cm, font_pt, finer, finer, finer);
-    }
-  }
-  return "";
+  if (plot.form == Plot::Form::svg)  // of 96 pixels an inch
+    return fmt::format(
+        "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 rounded noenhanced "
+        "background '#ffffff'\n",
+        width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * pixels_a_pt);
+  if (plot.form == Plot::Form::pdf)
+    return fmt::format(
+        "set terminal pdfcairo size {:.2f}cm,{:.2f}cm font 'Helvetica,{}' linewidth 1 rounded noenhanced\n",
+        width_cm, height_cm, font_pt);
+  return fmt::format(
+      "set terminal pngcairo size {0:.0f},{1:.0f} font 'Helvetica,{2}' fontscale {3:.3f} linewidth {3:.3f} "
+      "pointscale {3:.3f} rounded noenhanced\n",
+      width_cm * pixels_a_cm, height_cm * pixels_a_cm, font_pt, pixels_a_cm * 2.54 / 96);
 }
 
 constexpr const char* looks =
@@ -108,15 +103,18 @@ void Sheet::point(double x, double y, const std::string& style) {
 
 void Sheet::add(const std::string& command) { commands_ += command + "\n"; }
 
-void Sheet::data(const std::string& name, const std::string& lines) {
-  commands_ += fmt::format("${} << END\n{}END\n", name, lines.empty() ? "NaN NaN\n" : lines);
+void Sheet::draw(const std::string& name, const std::string& lines, const std::string& with) {
+  if (lines.empty()) return;
+  commands_ += fmt::format("${} << END\n{}END\n", name, lines);
+  draw(fmt::format("${} {}", name, with));
 }
 
-void Sheet::plot(const Box& axes, const std::vector<std::string>& parts) {
+void Sheet::plot(const Box& axes) {
   commands_ += fmt::format(
       "set lmargin at screen {:.5f}\nset rmargin at screen {:.5f}\nset tmargin at screen {:.5f}\nset bmargin "
       "at screen {:.5f}\n",
       axes.left / width_, axes.right / width_, 1 - axes.top / height_, 1 - axes.bottom / height_);
+  const auto parts = std::exchange(parts_, {});
   commands_ += "plot " + (parts.empty() ? "NaN" : join(parts, ", \\\n  ")) + "\nunset label\nunset arrow\n";
 }
 

@@ -13,9 +13,6 @@ namespace ontime::plot {
 
 inline constexpr double line_cm = 0.34;     // of text
 inline constexpr double letter_cm = 0.126;  // on average, of a 7 pt sans-serif font as wide as DejaVu
-inline constexpr const char* blue = "#0072b2";
-inline constexpr const char* orange = "#d55e00";
-inline constexpr const char* grey = "#666666";
 std::string colour(std::size_t i);  // seven that colour-blind readers can tell apart, then from the start
 std::string dash(std::size_t i);    // four, the first one solid
 inline constexpr std::size_t colours = 7, dashes = 4;
@@ -45,16 +42,19 @@ class Sheet {
             const std::string& style = "left");  // y: the line's middle
   void line(double x, double from_y, double to_x, double to_y, const std::string& style);
   void point(double x, double y, const std::string& style);
-  void add(const std::string& command);  // a line of its own
-  void data(const std::string& name, const std::string& lines);
+  void add(const std::string& command);                           // a line of its own
+  void draw(const std::string& part) { parts_.push_back(part); }  // of gnuplot's "plot"
+  // Data of this name, and how they are drawn: "using 1:2 with lines"; without lines neither.
+  void draw(const std::string& name, const std::string& lines, const std::string& with);
   // Draws all since the last one, with its axes there, which may be all of it.
-  void plot(const Box& axes, const std::vector<std::string>& parts);
+  void plot(const Box& axes);
   std::string commands() const { return commands_ + "unset multiplot\n"; }
 
  private:
   std::string at(double x, double y) const;
   double width_, height_;
   std::string commands_;
+  std::vector<std::string> parts_;
 };
 
 // What colours, lines and signs mean; as many in a row as fit.

@@ -13,8 +13,6 @@
 namespace ontime::plot {
 namespace {
 
-using statistics::Summary;
-
 constexpr std::uint64_t few = 10;  // messages of a stretch: of these a median says no more than they do
 constexpr const char* extent_style = "linewidth 0.9 linecolor rgb '#0072b2'";
 constexpr const char* alone_style = "linewidth 1.7 linecolor rgb '#0072b2'";
@@ -78,9 +76,8 @@ bool has_medians(const Summary* run) {
   return slices > 0 && run->sent > few * slices;
 }
 
-// Of a run what there is to draw, as gnuplot's parts of a plot.
-std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run, const Range& range,
-                                  const std::vector<Stretch>& stretches, double unit_s) {
+void draw(Sheet& sheet, const Summary& summary, std::size_t run, const Range& range,
+          const std::vector<Stretch>& stretches, double unit_s) {
   std::string extents, alone, medians, late, lost, passed;
   for (const auto& [at_s, of] : stretches) {
     const bool answered = of.sent > of.lost;
@@ -92,21 +89,17 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
     if (of.skipped_cycles > 0)
       passed += segment(at, range.at(of.skipped_wait_max_ns), range.at(of.skipped_wait_max_ns));
   }
-  std::vector<std::string> parts;
   const auto add = [&](const char* name, const std::string& lines, const std::string& with) {
-    if (lines.empty()) return;
-    sheet.data(fmt::format("{}{}", name, run), lines);
-    parts.push_back(fmt::format("${}{} {}", name, run, with));
+    sheet.draw(fmt::format("{}{}", name, run), lines, with);
   };
   if (const auto deadline = deadline_ms(summary))
-    parts.push_back(fmt::format("{} with lines {}", *deadline, deadline_style));
+    sheet.draw(fmt::format("{} with lines {}", *deadline, deadline_style));
   add("extents", extents, fmt::format("with lines {}", extent_style));
   add("alone", alone, fmt::format("with lines {}", alone_style));
   if (has_medians(&summary)) add("medians", medians, fmt::format("with lines {}", median_style));
   add("late", late, fmt::format("with lines {}", late_style));
   add("passed", passed, fmt::format("with lines {}", wait_style));
   add("lost", lost, fmt::format("axes x1y2 with points {}", lost_style));
-  return parts;
 }
 
 std::vector<Entry> entries_of(const Group& group, const std::vector<std::vector<Stretch>>& stretches,
@@ -264,7 +257,8 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   for (std::size_t i = 0; i < group.size(); ++i) {
     add_texts(sheet, layout, i, unit);
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
-    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, range, stretches[i], unit_s));
+    draw(sheet, *group[i], i, range, stretches[i], unit_s);
+    sheet.plot(layout.axes_of(i));
   }
   return sheet.commands();
 }
