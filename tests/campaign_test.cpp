@@ -452,45 +452,6 @@ TEST_F(ScenarioFile, RecordHoldsTheInterfaces) {
   EXPECT_EQ(asked(run, {}).at("interface"), "wlan0") << "by a flag";
 }
 
-TEST_F(ScenarioFile, KernelPresetIsRefinedAndAsIsRemovesASetting) {
-  const auto scenario = read(
-      "defaults: {transport: udp, kernel: {preset: paper}}\nruns:\n  - id: a\n  - {id: b, kernel: "
-      "{ksoftirqd: 50, "
-      "rmem-max: 8 MiB}}\n  - {id: c, kernel: {preset: none}}\n  - {id: d, kernel: {irq-threads: [as-is, "
-      "95]}}\n");
-  ASSERT_EQ(scenario.size(), 5U);
-  EXPECT_EQ(scenario.runs[0].kernel, (settings::Wishes{{"irq-threads", "90"}, {"ksoftirqd", "60"}}));
-  EXPECT_EQ(scenario.runs[1].kernel,
-            (settings::Wishes{{"irq-threads", "90"}, {"ksoftirqd", "50"}, {"rmem-max", "8388608"}}));
-  EXPECT_TRUE(scenario.runs[2].kernel.empty());
-  EXPECT_EQ(scenario.runs[3].kernel, (settings::Wishes{{"ksoftirqd", "60"}}));
-  EXPECT_EQ(scenario.runs[4].kernel.at("irq-threads"), "95");
-  EXPECT_EQ(asked(scenario.runs[0], scenario.hosts).at("kernel").at("ksoftirqd"), "60");
-  EXPECT_TRUE(asked(scenario.runs[2], scenario.hosts).at("kernel").is_null())
-      << "as a version that knew of none";
-}
-
-TEST_F(ScenarioFile, TimeOfAKernelSettingMayHaveItsUnit) {
-  const auto scenario = read(
-      "runs: [{id: a, transport: udp, kernel: {busy-poll: 50, busy-read: 50 us}}, {id: b, transport: udp, "
-      "kernel: {busy-poll: 1 ms}}]\n");
-  EXPECT_EQ(scenario.runs[0].kernel, (settings::Wishes{{"busy-poll", "50"}, {"busy-read", "50"}}));
-  EXPECT_EQ(scenario.runs[1].kernel, (settings::Wishes{{"busy-poll", "1000"}}));
-}
-
-TEST_F(ScenarioFile, InvalidKernelSettingsAreRefused) {
-  for (const auto& [kernel, expected] :
-       std::map<std::string, std::string>{{"preset: mine", "paper, none"},
-                                          {"ksoftirqd: 100", "kernel.ksoftirqd: '100'"},
-                                          {"busy-poll: 1 ns", "not a whole number of microseconds"},
-                                          {"busy-poll: 2 s", "'2000000' is not a whole number from 0"},
-                                          {"gro: maybe", "not on or off"},
-                                          {"rmem-max: much", "kernel.rmem-max"},
-                                          {"irq-thread: 9", "irq-threads"}})
-    EXPECT_THAT(error("runs: [{id: a, transport: udp, kernel: {" + kernel + "}}]\n"), HasSubstr(expected))
-        << kernel;
-}
-
 TEST(Scenarios, ShippedScenariosAreRead) {
   const std::filesystem::path folder(ONTIME_SCENARIOS);
   int files = 0;
