@@ -159,13 +159,38 @@ TEST(Outcome, MembersAreWrittenByTheSameNames) {
   EXPECT_FALSE(same.link.faults);
 }
 
+TEST(Outcome, QuotaCountsWhereMeasuringThreadsAreOrdinary) {
+  Outcome of;
+  for (const auto* name : both_hosts) {
+    auto& host = of.hosts[name];
+    for (const auto& [role, policy] : {std::pair("send", "fifo"), {"timer", "other"}}) {
+      auto& thread = host.threads.emplace_back();
+      thread.role = role;
+      thread.policy = policy;
+    }
+    host.cpu_quota = {0.5, 3, name == std::string("component") ? 400u : 300u};
+  }
+  of = Outcome(to_json(of));
+  EXPECT_FALSE(of.misfit);
+  EXPECT_TRUE(throttled(of).empty()) << "a quota does not stop real-time threads";
+  of.hosts["component"].threads[0].policy = "other";
+  ASSERT_EQ(throttled(of).size(), 1u);
+  EXPECT_EQ(throttled(of)[0].first, "the component's");
+  of.hosts["controller"].threads[0].policy = "other";
+  EXPECT_EQ(throttled(of).size(), 2u);
+  for (const auto* name : both_hosts) of.hosts[name].machine.boot_id = "b";
+  ASSERT_EQ(throttled(of).size(), 1u) << "one group, as a rule";
+  EXPECT_EQ(throttled(of)[0].first, "ontime's");
+  EXPECT_EQ(throttled(of)[0].second.throttled_ns, 400u);
+}
+
 TEST(Outcome, UnknownMembersAreNullOrNotWritten) {
   EXPECT_EQ(to_json(Outcome()), json({{"interrupted", false}})) << "nothing was counted";
   Host unknown;
   const auto host = to_json(unknown);
   for (const auto* null : {"link", "neighbours", "load_running", "ssh_link", "answered"})
     EXPECT_TRUE(host.at(null).is_null()) << null;
-  for (const auto* missing : {"kernel", "isolation", "load", "started_again"})
+  for (const auto* missing : {"kernel", "isolation", "load", "started_again", "cpu_quota"})
     EXPECT_FALSE(host.contains(missing)) << missing;
   EXPECT_TRUE(host.at("threads").is_array());
   unknown.load.emplace();

@@ -211,6 +211,7 @@ void End::begin() {
   answered_before_ = server_ ? server_->answered() : 0;
   losses_before_ = endpoint().losses();
   drops_before_ = machine::drops(task_.config.interface);
+  quotas_before_ = machine::cpu_quotas();
   if (task_.config.interface.empty()) return;
   traffic_before_ = machine::traffic(task_.config.interface);
   link_watch_ = std::make_unique<machine::LinkWatch>(task_.config.interface);
@@ -223,6 +224,8 @@ record::Host End::ended() {
   host.losses = losses();
   host.drops =
       record::read<record::Drops>(machine::between(drops_before_, machine::drops(task_.config.interface)));
+  if (const auto quota = machine::between(quotas_before_, machine::cpu_quotas()))
+    host.cpu_quota = {quota->cpus, quota->throttled_periods, quota->throttled_ns};
   host.link = link();
   host.shared_memory = machine::shared_memory();
   host.answered = server_ ? answered() : 0;

@@ -60,6 +60,7 @@ class End {
   std::uint64_t answered_before_ = 0;
   std::optional<machine::Traffic> traffic_before_;
   machine::Drops drops_before_;
+  std::vector<machine::GroupQuota> quotas_before_;
   std::unique_ptr<machine::LinkWatch> link_watch_;  // null: of no interface
 };
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <set>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <sys/resource.h>
@@ -149,6 +150,44 @@ std::optional<GroupMemory> group_memory() {
   for (const auto& group : cgroups_of(own, ""))
     look(fmt::format("/sys/fs/cgroup{}/", group), "memory.max", "memory.current");
   return least;
+}
+
+std::vector<GroupQuota> cpu_quotas(const std::string& root) {
+  const auto own = text_of(root + "/proc/self/cgroup").value_or("");
+  std::vector<GroupQuota> quotas;
+  const auto look = [&](const std::string& folder, const char* file, const std::string& limit) {
+    std::istringstream words(limit);
+    std::int64_t quota_us = 0, period_us = 0;
+    words >> quota_us >> period_us;
+    if (quota_us <= 0 || period_us <= 0) return;  // "max", "-1"
+    quotas.push_back({folder + file, static_cast<double>(quota_us) / static_cast<double>(period_us)});
+    parse_throttled(text_of(root + folder + "cpu.stat").value_or(""), quotas.back());
+  };
+  const auto text = [&](const std::string& file) { return text_of(root + file).value_or(""); };
+  for (const auto& group : cgroups_of(own, "cpu")) {
+    const auto folder = fmt::format("/sys/fs/cgroup/cpu{}/", group);
+    look(folder, "cpu.cfs_quota_us",
+         text(folder + "cpu.cfs_quota_us") + ' ' + text(folder + "cpu.cfs_period_us"));
+  }
+  for (const auto& group : cgroups_of(own, "")) {
+    const auto folder = fmt::format("/sys/fs/cgroup{}/", group);
+    look(folder, "cpu.max", text(folder + "cpu.max"));
+  }
+  return quotas;
+}
+
+std::optional<GroupQuota> between(const std::vector<GroupQuota>& first, const std::vector<GroupQuota>& last) {
+  std::optional<GroupQuota> most;
+  for (auto now : last) {
+    const auto before = std::ranges::find(first, now.file, &GroupQuota::file);
+    if (before == first.end() || now.throttled_ns <= before->throttled_ns ||
+        now.throttled_periods < before->throttled_periods)
+      continue;
+    now.throttled_ns -= before->throttled_ns;
+    now.throttled_periods -= before->throttled_periods;
+    if (!most || now.throttled_ns > most->throttled_ns) most = now;
+  }
+  return most;
 }
 
 std::vector<std::string> shared_memory() { return parse_segments(text_of("/proc/self/maps").value_or("")); }

@@ -41,6 +41,19 @@ struct GroupMemory {
 };
 std::optional<GroupMemory> group_memory();
 
+// A control group around this process with a CPU quota, and for how long the kernel has stopped (throttled)
+// its ordinary threads in all because they had used the quota up. Documentation/scheduler/sched-bwc.rst
+struct GroupQuota {
+  std::string file;                     // that has the quota
+  double cpus = 0;                      // 0.5: half of the time of one CPU
+  std::uint64_t throttled_periods = 0;  // of the quota, with such a stop
+  std::uint64_t throttled_ns = 0;       // added over the CPUs
+};
+// The innermost first; a container hides those around it. `root`: a folder that stands for "/".
+std::vector<GroupQuota> cpu_quotas(const std::string& root = "");
+// That which stopped them the longest between two moments, with these two as differences; nullopt: none did.
+std::optional<GroupQuota> between(const std::vector<GroupQuota>& first, const std::vector<GroupQuota>& last);
+
 // "rt", "full", "voluntary", "none", "lazy", or, if only the kernel's version is known, "dynamic" or "none or
 // voluntary". From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
 // /proc/version (or `uname -v`), the most reliable first. Pure.

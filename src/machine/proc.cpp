@@ -81,6 +81,18 @@ std::uint64_t parse_file_pages(const std::string& text) {
   return std::max(own, total);  // version 1 has both, version 2 the first
 }
 
+void parse_throttled(const std::string& text, GroupQuota& quota) {
+  std::istringstream lines(text);
+  std::uint64_t count = 0;
+  for (std::string name; lines >> name >> count;)
+    if (name == "nr_throttled")
+      quota.throttled_periods = count;
+    else if (name == "throttled_time")  // version 1
+      quota.throttled_ns = count;
+    else if (name == "throttled_usec")
+      quota.throttled_ns = count * 1000;
+}
+
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface) {
   const auto counts = field(text, interface);
   if (!counts) return {};

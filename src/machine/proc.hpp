@@ -27,6 +27,9 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
 // groups within.
 std::uint64_t parse_file_pages(const std::string& text);
 
+// Of the text of a control group's cpu.stat, of either version.
+void parse_throttled(const std::string& text, GroupQuota&);
+
 // Of the text of /proc/net/dev.
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "record/outcome.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include <fmt/format.h>
@@ -200,6 +201,24 @@ template LateCause read(const json&);
 template json to_json(const Causes&);
 template json to_json(const Traced&);
 template Traced read(const json&);
+
+std::vector<std::pair<std::string, CpuQuota>> throttled(const Outcome& outcome) {
+  const auto is_ordinary = [](const Thread& thread) {
+    return (thread.role == "send" || thread.role == "receive" || thread.role == "delivery") &&
+           thread.policy == "other";
+  };
+  std::vector<std::pair<std::string, CpuQuota>> all;
+  for (const auto* name : both_hosts)
+    if (const auto& host = find(outcome.hosts, name);
+        host.cpu_quota && std::ranges::any_of(host.threads, is_ordinary))
+      all.emplace_back(fmt::format("the {}'s", name), *host.cpu_quota);
+  if (all.size() > 1 && on_one_machine(outcome)) {
+    if (all[1].second.throttled_ns > all[0].second.throttled_ns) all[0] = all[1];
+    all[0].first = "ontime's";
+    all.pop_back();
+  }
+  return all;
+}
 
 bool on_one_machine(const Outcome& outcome) {
   const auto& one = find(outcome.hosts, "controller").machine.boot_id;

@@ -10,6 +10,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -229,6 +230,17 @@ struct GivenLoad {
   }
 };
 
+// A CPU quota of a control group around an end, that stopped (throttled) the group's ordinary threads.
+struct CpuQuota {
+  double cpus = 0;
+  std::uint64_t throttled_periods = 0;  // of the quota, with such a stop
+  std::uint64_t throttled_ns = 0;       // added over the CPUs
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "cpus", of.cpus, "throttled_periods", of.throttled_periods, "throttled_ns", of.throttled_ns);
+  }
+};
+
 // One of the two ends, with its machine.
 struct Host {
   Machine machine;
@@ -246,6 +258,7 @@ struct Host {
   std::optional<std::uint64_t> answered;   // messages, as the component counted
   bool started_again = false;              // counts since then
   BackgroundSent background;
+  std::optional<CpuQuota> cpu_quota;  // nothing: none stopped it
 
   static void fields(auto& of, auto&& field) {
     each(field, "transport", of.transport, "threads", of.threads, "refusals", of.refusals, "load_running",
@@ -253,7 +266,7 @@ struct Host {
          of.shared_memory, "answered", of.answered);
     each<or_null>(field, "machine", of.machine, "link", of.link, "neighbours", of.background);
     each<if_set>(field, "kernel", of.kernel, "isolation", of.isolation, "load", of.load, "started_again",
-                 of.started_again);
+                 of.started_again, "cpu_quota", of.cpu_quota);
   }
 };
 
@@ -389,6 +402,10 @@ struct Outcome {
 
 // Whether both ends are known to have shared one kernel.
 bool on_one_machine(const Outcome&);
+// The quotas that may have stopped measuring threads (they do not hold for real-time threads), by whose
+// group: "the controller's", "the component's". Both ends on one machine are in one group as a rule: if both
+// were stopped, the longer stop only, as "ontime's".
+std::vector<std::pair<std::string, CpuQuota>> throttled(const Outcome&);
 
 // An imported run, as the other tool described it.
 struct Source {
