@@ -182,6 +182,22 @@ TEST(Remarks, TellOfOneMachineOnce) {
   EXPECT_EQ(text.find("suspended"), text.rfind("suspended"));
 }
 
+TEST(Remarks, CpuQuotaThatStoppedTheGroupIsOneCautionOfAllRows) {
+  auto facts = outcome();
+  facts["hosts"]["component"]["threads"][1]["policy"] = "other";
+  std::vector<Summary> runs;
+  for (const std::int64_t ns : {2'700'000'000L, 120'000'000L}) {
+    facts["hosts"]["component"]["cpu_quota"] = {
+        {"cpus", 0.12}, {"throttled_periods", 54}, {"throttled_ns", ns}};
+    runs.push_back(summary(asked("a", "udp", static_cast<int>(runs.size())), facts));
+  }
+  EXPECT_THAT(render(runs, Format::markdown),
+              AllOf(HasSubstr("quota of 0.12 CPUs stopped the component's control group for 120 ms to 2.7 s"),
+                    Not(HasSubstr("the controller's control group"))));
+  facts["hosts"]["component"]["threads"][1]["policy"] = "fifo";
+  EXPECT_THAT(render({summary(asked("a", "udp"), facts)}, Format::markdown), Not(HasSubstr("quota")));
+}
+
 TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   auto facts = outcome();
   facts["conditions"]["component"]["cpu_stolen"] = 0.0213;

@@ -81,6 +81,18 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
                        std::min(share, 1.0), percent_text});
 }
 
+// docker --cpus, Kubernetes' limits, a unit's CPUQuota=.
+void add_quota(std::vector<Remark>& remarks, const Outcome& outcome) {
+  for (const auto& [whose, quota] : record::throttled(outcome))
+    remarks.push_back(
+        {Weight::caution,
+         fmt::format(
+             "a CPU quota of {:.3g} CPUs stopped {} control group for {{}}, added over CPUs. Fix: raise the "
+             "quota (docker --cpus, Kubernetes limits.cpu, systemd CPUQuota=), or measure outside that group",
+             quota.cpus, whose),
+         static_cast<double>(quota.throttled_ns), milliseconds_text});
+}
+
 // By other programs, unless the run keeps the CPUs busy itself.
 constexpr double all_busy = 0.9;
 void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& summary) {
@@ -301,6 +313,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   count(is_slower ? Weight::caution : Weight::detail,
         is_slower ? "requested rate not reached; skipped cycles" : "skipped cycles", summary.skipped_cycles);
   add_taken_away(remarks, summary);
+  add_quota(remarks, outcome);
   add_other_load(remarks, summary);
   for (const auto& text : clocks(summary)) add(Weight::caution, text);
   add_throttling(remarks, summary);
