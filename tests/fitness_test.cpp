@@ -245,6 +245,18 @@ TEST_F(Machine, IsReal) {
   EXPECT_EQ(severity("stolen-time"), Severity::wrong);
 }
 
+TEST_F(Machine, SmallestCpuQuotaIsAWarning) {
+  file("/proc/self/cgroup", "0::/a/b");
+  file("/sys/fs/cgroup/a/b/cpu.max", "max 100000");
+  EXPECT_THAT(found("cpu-quota"), IsEmpty());
+  file("/sys/fs/cgroup/a/b/cpu.max", "150000 100000");
+  file("/sys/fs/cgroup/a/cpu.max", "50000 100000");
+  file("/sys/fs/cgroup/a/cpu.stat", "nr_throttled 54\nthrottled_usec 2700000");
+  EXPECT_EQ(severity("cpu-quota"), Severity::hint);
+  EXPECT_THAT(one("cpu-quota").is, AllOf(HasSubstr("0.5 CPUs"), HasSubstr("54 stops"), HasSubstr("2.7 s")));
+  EXPECT_THAT(one("cpu-quota").remedy, HasSubstr("echo max | sudo tee /sys/fs/cgroup/a/cpu.max"));
+}
+
 TEST_F(Machine, KeepsTimeAndMemory) {
   file("/sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet");
   file("/sys/devices/system/clocksource/clocksource0/available_clocksource", "hpet acpi_pm");

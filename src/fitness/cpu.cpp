@@ -146,4 +146,21 @@ Findings stolen_time(const Look& look) {
            "pin the virtual CPUs to CPUs of the host (libvirt: vcpupin), or use real hardware"}};
 }
 
+// That of a group around it may be unknown: without a quota nothing is said.
+Findings cpu_quota(const Look& look) {
+  const auto quotas = machine::cpu_quotas(look.subject().root);
+  const auto least = std::ranges::min_element(quotas, {}, &machine::GroupQuota::cpus);
+  if (least == quotas.end()) return {};
+  const auto stops = table::many(least->throttled_periods, "stop", "stops");
+  return {
+      {Severity::hint,
+       fmt::format("this control group may use {:.3g} CPUs: {} so far, {:.3g} s added over CPUs", least->cpus,
+                   stops, static_cast<double>(least->throttled_ns) / 1e9),
+       "no quota, or more than the robot's programs ever use",
+       "when it is used up, all ordinary threads of the group stop until its next period (often 100 ms)",
+       fmt::format("raise or remove it (docker --cpus, Kubernetes limits.cpu, systemd CPUQuota=; by hand: "
+                   "echo {} | sudo tee {}); or give threads a real-time priority: it does not stop these",
+                   least->file.ends_with("cpu.max") ? "max" : "-1", least->file)}};
+}
+
 }  // namespace ontime::fitness

@@ -40,7 +40,8 @@ using Findings = std::vector<Finding>;
 Findings preemption(const Look&), throttling(const Look&), fair_server(const Look&), autogroup(const Look&),
     timer_migration(const Look&), clock_source(const Look&), clock_synchronised(const Look&);
 Findings governor(const Look&), idle_states(const Look&), smt(const Look&), isolation(const Look&),
-    full_isolation(const Look&), virtualisation(const Look&), stolen_time(const Look&);
+    full_isolation(const Look&), virtualisation(const Look&), stolen_time(const Look&),
+    cpu_quota(const Look&);
 Findings priority_limit(const Look&), memory_limit(const Look&), priority_budget(const Look&),
     swap(const Look&), huge_pages(const Look&), memory_balancing(const Look&), compaction(const Look&);
 Findings buffers(const Look&), fragments(const Look&), interrupts(const Look&),
