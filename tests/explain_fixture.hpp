@@ -164,6 +164,7 @@ class Explained : public testing::TestWithParam<bool> {
                  {{"machine", machine},
                   {"transport", component_transport_},
                   {"threads", component_threads_},
+                  {"cpu_quota", component_quota_},
                   {"link", {{"interface", interface_of_component_}, {"down", down_["component"]}}}}}}}});
     const auto reader = writer.reader();
     return account_of(reader, reader.runs().at(0));
@@ -187,6 +188,7 @@ class Explained : public testing::TestWithParam<bool> {
   int deadline_us_ = 0, timeout_us_ = 0;
   json asked_ = json::object();  // besides
   json component_transport_;     // as its end reported it
+  json component_quota_;
   json controller_threads_ = threads({{asks, "send"}, {hears, "receive"}});
   json component_threads_ = threads({{answers, "receive"}});
 };

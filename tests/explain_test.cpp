@@ -296,6 +296,14 @@ TEST_P(Explained, MissingEventsAndIncompleteTraceAreLimits) {
                                                     HasSubstr("incomplete trace of 1 message")));
 }
 
+TEST_P(Explained, StopsByACpuQuotaAreALimit) {
+  for (auto& thread : component_threads_) thread["policy"] = "other";
+  component_quota_ = {{"cpus", 0.12}, {"throttled_periods", 54}, {"throttled_ns", 2'700'000'000}};
+  EXPECT_THAT(
+      account(late(0, 20 * ms, 0)).limits,
+      testing::Contains(testing::AllOf(HasSubstr("0.12 CPUs stopped the component's"), HasSubstr("54 of"))));
+}
+
 TEST(Explain, FileWithTooManyThreadsIsRefused) {
   record::Writer writer("");
   const auto run = writer.begin_run({{"id", "x"}});

@@ -31,6 +31,17 @@ void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
                       place.first, place.second));
 }
 
+void add_throttled(Lines& limits, const record::Run& run) {
+  for (const auto& [whose, quota] : record::throttled(run.outcome))
+    limits.push_back(fmt::format(
+        "a CPU quota of {:.3g} CPUs stopped {} control group in {} of the quota's periods, for {:.3g} s "
+        "added "
+        "over CPUs. No event shows such a stop: it counts as a wait for a CPU, whatever thread ran. Fix: "
+        "raise "
+        "the quota; it does not stop real-time threads",
+        quota.cpus, whose, quota.throttled_periods, static_cast<double>(quota.throttled_ns) / 1e9));
+}
+
 void add_untraced(Lines& limits, const record::Run& run) {
   if (!run.outcome.trace) return;
   for (const auto& [host, traced] : *run.outcome.trace) {
@@ -104,6 +115,7 @@ std::vector<std::string> limits_of(const Account& account, const record::Run& ru
                                    const TracesByMessage& traces, bool one_machine,
                                    std::optional<std::int64_t> clocks_ns) {
   Lines limits;
+  add_throttled(limits, run);
   add_untraced(limits, run);
   add_not_looked_at(limits, account);
   if (!one_machine) add_one_sided(limits, account, run, traces);
