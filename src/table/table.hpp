@@ -46,6 +46,7 @@ std::string join(const std::vector<std::string>& parts, std::string_view separat
 template <class All, class TextOf>
 std::vector<std::string> texts_of(const All& all, TextOf text_of) {  // of each one
   std::vector<std::string> texts;
+  texts.reserve(all.size());
   for (const auto& one : all) texts.push_back(std::invoke(text_of, one));
   return texts;
 }
