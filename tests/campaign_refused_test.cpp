@@ -68,6 +68,37 @@ TEST_F(ScenarioFile, MistakesOfYamlAreNamedInPlainWords) {
   EXPECT_THAT(error("<<: {title: a}\nruns: [{id: a, transport: udp}]\n"), merged);
 }
 
+TEST_F(ScenarioFile, QuoteThatIsNotClosedIsRefusedWhereItOpens) {
+  const std::string runs = "runs:\n- id: a\n  transport: udp\n";
+  for (const std::string end : {"", "\n", "  \r\n\n"}) {
+    EXPECT_THAT(error(runs + "  title: \"drive\n  require: [max <= 1 us]" + end),
+                HasSubstr(":4:10: this \" is not closed"));
+    EXPECT_THAT(error(runs + "  title: 'drive  # it''s \"new\"\n  period: 1 s" + end),
+                HasSubstr(":4:10: this ' is not closed"));
+    EXPECT_THAT(error("title: 'drive\n" + runs + end), HasSubstr(":1:8: this ' is not closed"));
+    EXPECT_THAT(error("runs: [{id: \"a}]" + end), HasSubstr(":1:13: this \" is not closed"));
+    EXPECT_THAT(error(runs + "  title: \"a \\\"b\\\"\n" + end), HasSubstr(":4:10: this \" is not closed"));
+  }
+  std::string far = runs + "  title: \"drive\n";
+  for (int i = 0; i < 99; ++i) far += "it's\n";
+  EXPECT_THAT(error(far), HasSubstr("a quote above is not closed"));
+  EXPECT_EQ(read("title: |\n  it's \"a\n\n" + runs + "  title: it's").title, "it's \"a\n");
+  EXPECT_EQ(error(runs + "  title: >\n    \"a\n\n"), "no error");
+}
+
+TEST_F(ScenarioFile, WrongIndentationIsNamedInPlainWords) {
+  for (const auto* third : {"    period: 1 s\n   domain: 1\n", "   period: 1 s\n", " period: 1 s\n",
+                            "- id: b\n", "   - id: b\n", " - id: b\n"})
+    EXPECT_THAT(error(std::string("runs:\n  - id: a\n") + third),
+                HasSubstr("this line is indented differently from the keys or list items above it"))
+        << third;
+  EXPECT_THAT(error("runs:\n  - id: a\n  -id: b\n"), HasSubstr(":3:3: a space is needed after '-'"));
+  EXPECT_THAT(error("runs: [{id: a}]]\n"), HasSubstr(":1:16: this ] closes nothing"));
+  EXPECT_THAT(error("runs: [{id: a}}]\n"), HasSubstr(":1:15: this } closes nothing"));
+  EXPECT_THAT(error("title: \"x\nruns: \"y\"\n"), HasSubstr(":2:8: this text follows a closing \". Fix: "));
+  EXPECT_THAT(error("payload: [1 B] 2 B\n"), HasSubstr(":1:16: this text follows a closing ]"));
+}
+
 TEST_F(ScenarioFile, IdThatIsAWholeNumberIsRefusedBecauseRunsHaveNumbers) {
   for (const auto* id : {"3", "'007'"})
     EXPECT_THAT(error(fmt::format("runs: [{{id: {}, transport: udp}}]\n", id)),

@@ -42,16 +42,20 @@ std::size_t first_of_no_text(const std::string& text) {
   return text.npos;
 }
 
+YAML::Mark mark_of(const std::string& text, std::size_t at) {
+  const auto line_begin = at == 0 ? text.npos : text.rfind('\n', at - 1);
+  YAML::Mark mark;
+  mark.line =
+      static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(at), '\n'));
+  mark.column = static_cast<int>(at - (line_begin == text.npos ? 0 : line_begin + 1));
+  return mark;
+}
+
 void check_characters(const std::string& file, const std::string& text) {
   const auto wrong = first_of_no_text(text);
   if (wrong == text.npos) return;
-  const auto line_begin = wrong == 0 ? text.npos : text.rfind('\n', wrong - 1);
-  YAML::Mark mark;
-  mark.line =
-      static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(wrong), '\n'));
-  mark.column = static_cast<int>(wrong - (line_begin == text.npos ? 0 : line_begin + 1));
   const auto byte = static_cast<unsigned char>(text[wrong]);
-  fail_at(file, mark, "byte 0x{:02x} is {}; a scenario is text in UTF-8", byte,
+  fail_at(file, mark_of(text, wrong), "byte 0x{:02x} is {}; a scenario is text in UTF-8", byte,
           byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8");
 }
 
@@ -138,7 +142,60 @@ class Bounds final : public YAML::EventHandler {
   std::map<YAML::anchor_t, Extent> whole_;
 };
 
-// The parser's own words name neither a tab, a text that needs quotes, nor the bracket that is not closed.
+void parse(const std::string& text, Bounds& bounds) {
+  std::istringstream in(text);
+  YAML::Parser parser(in);
+  while (parser.HandleNextDocument(bounds)) {  // OnDocumentStart refuses a second document
+  }
+}
+
+// Before a line break or a blank at the end of the text, yaml-cpp drops a quote that is not closed, and all
+// below it, without an error.
+bool ends_within_quotes(const std::string& text) try {
+  Bounds bounds;
+  parse(text.substr(0, text.find_last_not_of(" \t\r\n") + 1), bounds);
+  return false;
+} catch (const YAML::Exception& error) {
+  return error.msg == YAML::ErrorMsg::EOF_IN_SCALAR;
+}
+
+// Where a quote opens that is not closed; yaml-cpp does not say it. It is the last before which the text is
+// not within quotes. npos: it is further up than the bound on the work.
+std::size_t open_quote_of(const std::string& text) {
+  int tries = 50;
+  for (auto at = text.size(); at > 0 && tries > 0;) {
+    at = text.find_last_of("\"'", at - 1);
+    if (at == text.npos) break;
+    const char before = at == 0 ? ' ' : text[at - 1];
+    if (before == (text[at] == '"' ? '\\' : '\'')) continue;  // it stands for itself
+    if (!ends_within_quotes(text.substr(0, at))) return at;
+    --tries;
+  }
+  return text.npos;
+}
+
+void check_quotes(const std::string& file, const std::string& text) {
+  if (!ends_within_quotes(text)) return;
+  const auto at = open_quote_of(text);
+  if (at == text.npos) fail_at(file, mark_of(text, text.size()), "a quote above is not closed");
+  fail_at(file, mark_of(text, at), fmt::format("this {0} is not closed: a second {0} is missing", text[at]));
+}
+
+// Where a list item or a key of the block is expected, and there is something else. "": not known.
+std::string flaw_of_block(const std::string& line, std::size_t column) {
+  const auto from = line.find_first_not_of(' ');
+  if (column == from)
+    return line[column] == '-' && column + 1 < line.size() && line[column + 1] != ' '
+               ? "a space is needed after '-'"
+               : "this line is indented differently from the keys or list items above it";
+  const char before = line[line.find_last_not_of(' ', column - 1)];
+  if (before == '"' || before == '\'')
+    return fmt::format("this text follows a closing {}. Fix: look for a quote that is missing above", before);
+  return before == ']' || before == '}' ? fmt::format("this text follows a closing {}", before) : "";
+}
+
+// The parser's own words name neither a tab, a text that needs quotes, wrong indentation, nor the bracket
+// that is not closed.
 [[noreturn]] void fail_in_plain_words(const std::string& file, const std::string& text,
                                       const YAML::Exception& error, const Bounds& bounds) {
   std::istringstream lines(text);
@@ -166,6 +223,12 @@ class Bounds final : public YAML::EventHandler {
     fail_at(file, bounds.innermost(),
             "this {} is not closed: a {} or a comma is missing before line {}, column {}", of_map ? '{' : '[',
             of_map ? '}' : ']', mark.line + 1, mark.column + 1);
+  if (column < line.size()) {
+    const bool of_block = error.msg == YAML::ErrorMsg::END_OF_MAP || error.msg == YAML::ErrorMsg::END_OF_SEQ;
+    if (const auto flaw = of_block ? flaw_of_block(line, column) : ""; !flaw.empty())
+      fail_at(file, mark, "{}", flaw);
+    if (error.msg == YAML::ErrorMsg::FLOW_END) fail_at(file, mark, "this {} closes nothing", line[column]);
+  }
   fail_at(file, mark, "{}", error.msg);
 }
 
@@ -221,12 +284,10 @@ std::string text_of(const std::string& file) {
 
 YAML::Node document_of(const std::string& file, const std::string& text) {
   check_characters(file, text);
+  check_quotes(file, text);
   Bounds bounds;
   try {
-    std::istringstream in(text);
-    YAML::Parser parser(in);
-    while (parser.HandleNextDocument(bounds)) {  // OnDocumentStart refuses a second document
-    }
+    parse(text, bounds);
     return YAML::Load(text);
   } catch (const YAML::Exception& error) {
     fail_in_plain_words(file, text, error, bounds);
