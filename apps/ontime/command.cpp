@@ -41,8 +41,12 @@ std::string meant(const CLI::App& command, const std::vector<std::string>& unkno
     if (std::ranges::count(words, word) > 0)
       return fmt::format(". Fix: write {} after {}", word, path_of(command));
   } else {
-    for (const auto* one : command.get_subcommands({}))
+    for (const auto* one : command.get_subcommands({})) {
       if (!one->get_group().empty()) words.push_back(one->get_name());
+      for (const auto* below : one->get_subcommands({}))
+        if (below->get_name() == word)
+          return fmt::format(" (did you mean '{} {}'?)", one->get_name(), below->get_name());
+    }
   }
   return spelling::suggestion(word, words);
 }
@@ -52,10 +56,16 @@ std::string as_value(const CLI::App& command, const std::string& word) {
   const auto takes = [&](const char* flag) { return command.get_option_no_throw(flag) != nullptr; };
   const auto has = [&](const char* any) { return word.find_first_of(any) != word.npos; };
   const auto transports = transport::available();
+  std::error_code none;
+  const bool is_file = fs::is_regular_file(word, none);
+  const bool may_be_run =
+      !is_file && fs::path(word).extension().string().size() <= 2;  // "Test1.A", not "a.svg"
   const auto* const flag = word.starts_with('-')                                              ? ""
                            : takes("--set") && has("=")                                       ? "--set "
                            : takes("--transport") && std::ranges::count(transports, word) > 0 ? "--transport "
+                           : takes("--scenario") && (is_file || word.ends_with(".yaml"))      ? "--scenario "
                            : takes("--peer") && has(".:")                                     ? "--peer "
+                           : takes("--only") && takes("RESULTS") && may_be_run                ? "--only "
                                                                                               : "";
   return *flag == '\0' ? "" : std::string(". Fix: ") + flag + table::shell_line({word});
 }

@@ -31,7 +31,9 @@ namespace fs = std::filesystem;
 void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
   for (const auto& name : names)
-    if (std::ranges::find(here, name) == here.end())
+    if (std::ranges::count(names, name) > 1)
+      throw campaign::Error(2, fmt::format("--transports: '{}' occurs twice", name));
+    else if (std::ranges::find(here, name) == here.end())
       throw campaign::Error(transport::shipped(name) != nullptr ? 3 : 2,
                             fmt::format("--transports: transport '{}' is not installed{}; installed: {}",
                                         name, spelling::suggestion(name, here), fmt::join(here, ", ")));

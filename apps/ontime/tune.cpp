@@ -39,12 +39,13 @@ settings::Link link_of(const TuneArguments& arguments) {
   return link;
 }
 
-// Reads NAME=VALUE by the table of scenario keys. Returns NAME.
+// Reads NAME=VALUE by the table of scenario keys, also as they have it: kernel.NAME=VALUE. Returns NAME.
 std::string set(campaign::Run& run, const std::string& said) {
   const auto equals = said.find('=');
   if (equals == said.npos || equals == 0)
     throw wrong("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said);
   auto name = said.substr(0, equals);  // not const: it is returned by a move
+  if (name.starts_with("kernel.")) name.erase(0, 7);
   std::vector<std::string> names;
   for (const auto& key : campaign::keys()) {
     if (!key.path.starts_with("kernel.")) continue;
