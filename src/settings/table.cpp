@@ -247,7 +247,10 @@ Things napi_threads(Text interface) {
   refuse_bridge(interface);
   auto found = napi_threads_of(interface);
   if (found.empty() || threaded.read(interface_here(interface)) == "0")
-    throw journal::Error(fmt::format("{} has no NAPI threads. Fix: threaded-napi=on", interface));
+    throw journal::Error(
+        fmt::format("{} has no NAPI threads. Fix: also set kernel.threaded-napi: on (--set "
+                    "threaded-napi=on)",
+                    interface));
   return found;
 }
 
