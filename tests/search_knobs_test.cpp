@@ -48,6 +48,26 @@ TEST(Goal, AnythingButAShareOfMessagesIsRefused) {
     EXPECT_THROW(goal_of(text), gate::Error) << text;
 }
 
+// As the flag was typed, not as it is parsed.
+TEST(Goal, ErrorsHaveTheColumnsAndTheWordsOfTheWholeText) {
+  const auto error = [](const std::string& text) -> std::string {
+    try {
+      goal_of(text);
+    } catch (const gate::Error& error) {
+      return error.what();
+    }
+    return "none";
+  };
+  EXPECT_THAT(error("p99 < 5"), StartsWith("column 8: a unit is missing"));
+  EXPECT_THAT(error("p99<5"), StartsWith("column 6: a unit is missing"));
+  EXPECT_THAT(error("p99 < 1 ms and foo = 0"), StartsWith("column 16: 'foo'"));
+  EXPECT_THAT(error("p99 < 1 µs and  foo = 0"), StartsWith("column 17: 'foo'"));
+  EXPECT_THAT(error("p99 < 1 ms and"), StartsWith("column 12: unexpected 'and'"));
+  EXPECT_THAT(error("late < 1"), StartsWith("'late < 1': "));
+  EXPECT_THAT(error("mean < 1 ms"), StartsWith("'mean < 1 ms': "));
+  EXPECT_THAT(error("late > 0"), AllOf(StartsWith("column 6: expected '<', not '>'"), HasSubstr("late = 0")));
+}
+
 // 3 late answers and 2 lost messages.
 TEST(Goal, LateCountsLostMessagesToo) {
   statistics::Summary run;

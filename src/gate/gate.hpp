@@ -15,6 +15,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "statistics/statistics.hpp"
@@ -30,6 +31,7 @@ enum class Use {
   fail_if,           // of a run by itself
   fail_if_compared,  // of a run, or against another
   require,           // a limit that must be met
+  goal,              // as require, for `tune search`: < and = are comparisons, too
 };
 
 struct Gate {
@@ -41,7 +43,8 @@ struct Gate {
   bool is_relative() const { return kind == Limit::ratio || kind == Limit::difference; }
   std::string requirement() const;  // the limit to meet: "p99 <= 2 ms", also for "p99 > 2 ms"
 };
-Gate parse(const std::string& text, Use);
+// `before`: what was typed before it, for the columns of errors.
+Gate parse(const std::string& text, Use, std::string_view before = {});
 
 // Probability of a late or lost message, as the gate requests, or of one slower than its limit.
 statistics::Between probability_beyond(const Gate&, const statistics::Summary&);

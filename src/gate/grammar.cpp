@@ -21,7 +21,10 @@ constexpr std::size_t longest = 200;
 
 class Parser {
  public:
-  Parser(const std::string& text, Use use) : text_(text), use_(use) { gate_.text = text; }
+  Parser(const std::string& text, Use use, std::string_view before)
+      : text_(text), use_(use), before_(before) {
+    gate_.text = text;
+  }
 
   Gate parse() {
     if (text_.size() > longest) fail(longest, fmt::format("a gate has at most {} characters", longest));
@@ -38,14 +41,17 @@ class Parser {
     throw Error(fmt::format("column {}: {}. Example: {}", column(at), what,
                             use_ == Use::fail_if_compared ? "p99.9 > +10%"
                             : use_ == Use::require        ? is_share() ? "late <= 0" : "p99.9 <= 2 ms"
+                            : use_ == Use::goal           ? is_share() ? "late = 0" : "p99.9 < 2 ms"
                             : is_share()                  ? "late > 0"
                                                           : "p99.9 > 2 ms"));
   }
   // As an editor counts them, "µ" once.
   std::size_t column(std::size_t at) const {
-    return 1 + static_cast<std::size_t>(
-                   std::count_if(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(at),
-                                 [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+    const auto length = [](std::string_view text) {
+      return static_cast<std::size_t>(
+          std::ranges::count_if(text, [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+    };
+    return 1 + length(before_) + length(std::string_view(text_).substr(0, at));
   }
 
   void skip_blanks() { at_ = std::min(text_.find_first_not_of(" \t", at_), text_.size()); }
@@ -81,8 +87,9 @@ class Parser {
     skip_blanks();
     const auto begin = std::exchange(at_, std::min(text_.find_first_not_of("<>=!", at_), text_.size()));
     const auto found = text_.substr(begin, at_ - begin);
-    const auto* const wanted = use_ == Use::require ? "<=" : ">";
-    if (found != wanted)
+    if (use_ == Use::goal && (found == "<" || found == "=")) return;
+    const auto* const wanted = use_ == Use::require ? "<=" : use_ == Use::goal ? "<" : ">";
+    if (found != (use_ == Use::goal ? "<=" : wanted))
       fail(begin, fmt::format("expected '{}'{}", wanted, found.empty() ? " here" : ", not '" + found + "'"));
   }
 
@@ -163,6 +170,7 @@ class Parser {
 
   const std::string& text_;
   const Use use_;
+  const std::string_view before_;
   std::size_t at_ = 0;
   Gate gate_;
 };
@@ -175,6 +183,8 @@ std::string Gate::requirement() const {
   return positive;
 }
 
-Gate parse(const std::string& text, Use use) { return Parser(text, use).parse(); }
+Gate parse(const std::string& text, Use use, std::string_view before) {
+  return Parser(text, use, before).parse();
+}
 
 }  // namespace ontime::gate

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 #include <utility>
 
 #include <fmt/format.h>
@@ -32,20 +33,14 @@ double permitted_share(const gate::Gate& gate) {
   return gate.limit;
 }
 
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(" \t");
-  return first == text.npos ? "" : text.substr(first, text.find_last_not_of(" \t") - first + 1);
-}
-
-Part part_of(const std::string& text) {
-  auto gate = text;
-  std::string comparison;
-  if (const auto at = gate.find_first_of("<="); at != gate.npos) {
-    comparison = gate.substr(at, gate.find_first_not_of("<=", at) - at);
-    if (comparison == "<" || comparison == "=") gate.replace(at, 1, "<=");
-  }
+// Of the text from there to there, without blanks at its ends.
+Part part_of(const std::string& all, std::size_t from, std::size_t to) {
+  from = std::min(all.find_first_not_of(" \t", from), to);
+  const auto text = all.substr(from, to == from ? 0 : all.find_last_not_of(" \t", to - 1) + 1 - from);
   // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
-  auto parsed = gate::parse(gate, gate::Use::require);
+  auto parsed = gate::parse(text, gate::Use::goal, std::string_view(all).substr(0, from));
+  const auto at = text.find_first_of("<=");
+  const auto comparison = text.substr(at, text.find_first_not_of("<=", at) - at);
   if (comparison == "=" && parsed.limit != 0)
     throw gate::Error(fmt::format("'{}': = takes only 0; use < for other limits", text));
   if (comparison == "<" && parsed.limit == 0)
@@ -61,7 +56,7 @@ std::vector<Part> goal_of(const std::string& text) {
   std::vector<Part> parts;
   for (std::size_t from = 0; from <= text.size();) {
     const auto to = std::min(text.find(conjunction, from), text.size());
-    parts.push_back(part_of(trimmed(text.substr(from, to - from))));
+    parts.push_back(part_of(text, from, to));
     from = to == text.size() ? to + 1 : to + conjunction.size();
   }
   return parts;
