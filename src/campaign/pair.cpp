@@ -158,7 +158,7 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
   end.opened = record::read<record::Host>(
-      ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}}));
+      ask_host(end, {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}}));
   const auto& declared = end.opened.transport;
   if (const auto why = scenario::why_not_by(task.transport,
                                             {.below_ip = declared.below_ip.value_or(false),
@@ -169,6 +169,17 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
   if (const auto text = note_of_ssh_link(host, end.opened.ssh_link); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
+}
+
+// Of two hosts, the error says which one has it.
+json Pair::ask_host(const End& end, json task) const try {
+  return ask(end, "open", "opened", std::move(task));
+} catch (const orders::Unanswered&) {
+  throw;
+} catch (const Error& error) {
+  const std::string why = error.what();
+  if (machines_.hosts().kind != Hosts::Kind::stated || why.find("the " + end.host) != why.npos) throw;
+  throw Error(error.exit, fmt::format("on the {}, {}", end.host, why));
 }
 
 json Pair::ask(const End& end, const char* order, const char* answer, json body,

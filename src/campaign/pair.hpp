@@ -60,6 +60,7 @@ class Pair {
     bool again = false;  // restarted while the client measured
   };
   End open(const std::string& host, agent::Task);
+  nlohmann::json ask_host(const End&, nlohmann::json task) const;
   nlohmann::json ask(const End&, const char* order, const char* answer, nlohmann::json body,
                      std::chrono::milliseconds longest = patience) const;
   std::vector<End*> ends();

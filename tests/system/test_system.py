@@ -203,6 +203,9 @@ class System(Program):
         with contextlib.closing(sqlite3.connect(newer)) as database:
             database.execute("PRAGMA user_version = 999")
         scenario = self.scenario("50 ms", transports=["udp"])
+        two_hosts = pathlib.Path(self.folder, "two.yaml")
+        two_hosts.write_text("hosts: {controller: {interface: lo}, component: {interface: rb, address: 127.0.0.1}}\n"
+                             "runs: [{id: a, transport: udp, duration: 50 ms}]\n")
         cases = [
             (["report", other], 2, "results file"),
             (["report", newer], 2, "newer"),
@@ -226,6 +229,7 @@ class System(Program):
             (["report", newer, "quiet"], 2, "Fix: --only quiet"),
             (["explain", newer, "3"], 2, "Fix: --only 3"),
             (["search"], 2, "did you mean 'tune search'?"),
+            (["run", str(two_hosts), "--results", self.results], 2, "on the component, this host has no interface 'rb'"),
             (["ping"], 2, "transport"),
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "2000000 h"], 2, "--wait"),
             ([], 0, "ontime --help"),
