@@ -105,7 +105,7 @@ TEST_F(ScenarioFile, RunsHaveABound) {
   };
   const auto with = [&](int a, int b) {
     return "defaults: {transport: udp}\nruns:\n  - {id: a, payload: " + list(a) +
-           ", load: {controller: {vm-bytes: " + list(b) + "}}}\n";
+           ", load: {controller: {vm: 1, vm-bytes: " + list(b) + "}}}\n";
   };
   EXPECT_EQ(read(with(1000, 10)).size(), 10'000U);
   EXPECT_THAT(error(with(1000, 11)), HasSubstr(":3:5: run 'a': its lists"));

@@ -99,6 +99,27 @@ TEST_F(ScenarioFile, WrongIndentationIsNamedInPlainWords) {
   EXPECT_THAT(error("payload: [1 B] 2 B\n"), HasSubstr(":1:16: this text follows a closing ]"));
 }
 
+TEST_F(ScenarioFile, SizeOfWorkersThatARunHasNoneOfIsRefused) {
+  const auto with = [&](const std::string& load, const std::string& defaults = "", Selection selection = {}) {
+    return error("components: [arm]\ndefaults: {" + defaults + "}\nruns: [{id: a, transport: udp, " + load +
+                     "}, {id: b, transport: udp, load: {controller: {cpu: 1}}}]\n",
+                 selection);
+  };
+  EXPECT_THAT(with("load: {component: {vm-bytes: 1 GiB}}"),
+              HasSubstr(":3:61: load.component.vm-bytes: no effect without load.component.vm"));
+  EXPECT_THAT(with("arm: {load: {component: {hdd-bytes: 1 GiB}}}"),
+              HasSubstr("no effect without load.component.hdd"));
+  EXPECT_THAT(with("load: {controller: {vm-bytes: 1 GiB}}", "load: {component: {vm: 1}}"),
+              HasSubstr("no effect without load.controller.vm"));
+  for (const auto* load : {"load: {controller: {vm: [0, 1], vm-bytes: 1 GiB}}", "period: 1 s"})
+    EXPECT_EQ(with(load, "load: {controller: {hdd-bytes: 1 GiB, vm-bytes: 1 MiB}}"), "no error") << load;
+  EXPECT_EQ(with("load: {controller: {vm-bytes: 1 GiB}}", "load: {controller: {vm: 1}}"), "no error");
+  EXPECT_EQ(with("load: {component: {vm: 1}}, arm: {load: {component: {vm-bytes: 1 GiB}}}"), "no error");
+  Selection selection;
+  selection.set = {{"load.component.vm", "1"}};
+  EXPECT_EQ(with("load: {component: {vm-bytes: 1 GiB}}", "", selection), "no error");
+}
+
 TEST_F(ScenarioFile, IdThatIsAWholeNumberIsRefusedBecauseRunsHaveNumbers) {
   for (const auto* id : {"3", "'007'"})
     EXPECT_THAT(error(fmt::format("runs: [{{id: {}, transport: udp}}]\n", id)),

@@ -151,7 +151,9 @@ class File {
       fail(own["id"], "id: '{}': {}", id, flaw);
     if (!ids_.insert(id).second) fail(own["id"], "there is another run with id '{}'", id);
     own.erase("id");
+    const auto stated = own;
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
+    check_sizes(stated, own, origin.keys);
     if (const auto below = own.find("baseline"); below != own.end())
       baselines_.insert_or_assign(id, below->second);
     const auto& only = selection_.only;
@@ -159,6 +161,19 @@ class File {
     const auto required = take_require(own, origin.keys);
     for (auto& run : runs_of(origin, id, node, required, std::move(own)))
       scenario_.runs.push_back(std::move(run));
+  }
+
+  // The size of workers that the run has none of. The defaults' may be for other runs.
+  void check_sizes(const Entries& stated, const Entries& all, const RunKeys& keys) const {
+    constexpr std::string_view size = "-bytes";
+    for (const auto& [path, node] : stated) {
+      auto workers = keys.divided(path).key;
+      if (!workers.starts_with("load.") || !workers.ends_with(size)) continue;
+      workers.erase(workers.size() - size.size());
+      const auto has = [&](const auto& entry) { return keys.divided(entry.first).key == workers; };
+      if (std::ranges::none_of(all, has) && !selection_.set.contains(workers))
+        fail(node, fmt::format("{}: no effect without {}, the number of workers", path, workers));
+    }
   }
 
   void check_baseline(const YAML::Node& node) const {
