@@ -120,6 +120,25 @@ TEST_F(ScenarioFile, SizeOfWorkersThatARunHasNoneOfIsRefused) {
   EXPECT_EQ(with("load: {component: {vm-bytes: 1 GiB}}", "", selection), "no error");
 }
 
+TEST_F(ScenarioFile, WhatWasMeantIsNamed) {
+  const auto with = [&](const std::string& key) {
+    return error("runs: [{id: a, transport: udp, " + key + "}]\n");
+  };
+  EXPECT_THAT(with("require: {p99: 5 ms}"),
+              HasSubstr(":1:41: require: a list of limits is needed, such as [p99"));
+  EXPECT_THAT(with("search: payloads, payload: [1 B, 2 B]"),
+              HasSubstr("search: unknown key 'payloads' (did you mean 'payload'?)"));
+  EXPECT_THAT(with("search: period"), HasSubstr("search: 'period' has no list of values"));
+  for (const auto* key : {"period: '0,01 s'", "payload: '1,5 KiB'", "traffic: {rate: '1,5 Mbit/s'}"})
+    EXPECT_THAT(with(key), HasSubstr("the decimal sign is a point")) << key;
+  EXPECT_THAT(with("load: {robot: {cpu: 1}}"),
+              HasSubstr(":1:39: unknown key 'load.robot.cpu'; allowed keys: "));
+  EXPECT_THAT(with("lod: {robot: {cpu: 1}}"), HasSubstr(":1:32: unknown key 'lod.robot.cpu'"));
+  EXPECT_THAT(with("isolation: {cpus: 1, load-quota: 0.5 %}"),
+              HasSubstr("'0.5 %' is not a whole number from 1 % to 102400 %"));
+  EXPECT_THAT(error("runs:\n- id: \"a\\nb\"\n  transport: udp\n"), HasSubstr(":2:7: id: "));
+}
+
 TEST_F(ScenarioFile, IdThatIsAWholeNumberIsRefusedBecauseRunsHaveNumbers) {
   for (const auto* id : {"3", "'007'"})
     EXPECT_THAT(error(fmt::format("runs: [{{id: {}, transport: udp}}]\n", id)),

@@ -249,7 +249,7 @@ TEST_F(ScenarioFile, GatesDoNotMultiplyRunsAndAreCheckedWhenRead) {
   EXPECT_THAT(error(of("late > 0")), HasSubstr("column 6: expected '<='"));
   EXPECT_THAT(error(of("p99 <= +10%")), HasSubstr("column 8: "));
   EXPECT_THAT(error(of("[[late <= 0]]")), HasSubstr("a value is needed"));
-  EXPECT_THAT(error(of("{late: 0}")), HasSubstr("unknown key 'require.late'"));
+  EXPECT_THAT(error(of("{late: 0}")), HasSubstr("require: a list of limits is needed"));
 }
 
 TEST_F(ScenarioFile, HostsHaveTheirConnectionAndPrefix) {

@@ -392,6 +392,7 @@ const char* word_of(Security level) {
 
 std::string flaw_of_id(const std::string& id) {
   if (id.find(',') != id.npos) return "an id cannot contain a comma, which separates ids in --only";
+  if (id.find_first_of("\n\r") != id.npos) return "an id cannot contain a line break";
   if (id.starts_with('-')) return "an id cannot start with '-', as flags do";
   if (!id.empty() && id.find_first_not_of("0123456789") == id.npos)
     return fmt::format(

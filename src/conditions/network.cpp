@@ -236,7 +236,10 @@ double quota_of(Text text) {
   constexpr std::string_view unit = " %";
   if (!text.ends_with(unit))
     throw std::invalid_argument(fmt::format("'{}' is not a share of a CPU's time, such as '50 %'", text));
-  return static_cast<double>(number_of(text.substr(0, text.size() - unit.size()), 1, most)) / 100;
+  const auto percent = number_in<std::int64_t>(text.substr(0, text.size() - unit.size()));
+  if (!percent || *percent < 1 || *percent > most)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number from 1 % to {} %", text, most));
+  return static_cast<double>(*percent) / 100;
 }
 
 void set_preset(Run& run, Text text) {

@@ -38,6 +38,8 @@ long double quantity(const std::string& text, const Units& units, const std::str
     throw std::invalid_argument(fmt::format("'{}' is not a number with a unit, such as '{}'", text, example));
   std::string unit(static_cast<const char*>(end), text.data() + text.size());
   unit.erase(0, std::min(unit.find_first_not_of(' '), unit.size()));
+  if (unit.size() > 1 && unit[0] == ',' && unit[1] >= '0' && unit[1] <= '9')
+    throw std::invalid_argument(fmt::format("'{}': the decimal sign is a point, such as '1.5'", text));
   if (unit.empty())
     throw std::invalid_argument(fmt::format("'{}' has no unit{}. Units: {}", text,
                                             number > 0 ? suggestion_of(text, units, example) : "", names));

@@ -97,7 +97,7 @@ std::string RunKeys::current(const std::string& path) const {
 
 Entries RunKeys::flat(const YAML::Node& run) const {
   Entries entries;
-  flatten(run, "", entries);
+  flatten(run, "", entries, nullptr);
   return entries;
 }
 
@@ -118,7 +118,8 @@ void RunKeys::check_empty(const YAML::Node& name, const YAML::Node& map, const s
   fail_at(file_, name.Mark(), "unknown key '{}'{}", path, meant_of(path, key));
 }
 
-void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
+void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries,
+                      const YAML::Node* unknown) const {
   if (!node.IsMap())
     fail_at(file_, node.Mark(), "{}",
             prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
@@ -129,8 +130,12 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
     if (path != stated)
       note_renamed(notices_, file_, entry.first.Mark(), divided(stated).key, divided(path).key);
     if (entry.second.IsMap()) {
+      if (divided(path).key == "require")
+        fail_at(file_, entry.second.Mark(), path + ": a list of limits is needed, such as [p99 <= 5 ms]");
       if (entry.second.size() == 0) check_empty(entry.first, entry.second, path);
-      flatten(entry.second, path + ".", entries);
+      const auto key = divided(path).key;
+      flatten(entry.second, path + ".", entries,
+              unknown != nullptr || key.empty() || !key_below(key).empty() ? unknown : &entry.first);
       continue;
     }
     const auto [component, key] = divided(path);
@@ -141,7 +146,8 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
       if (const auto below = key_below(key); !below.empty())
         fail_at(file_, entry.second.Mark(), "{0}: keys and values are needed here, such as {0}: {{{1}: …}}",
                 path, below);
-      fail_at(file_, entry.first.Mark(), "unknown key '{}'{}", path, meant_of(path, key));
+      fail_at(file_, (unknown != nullptr ? *unknown : entry.first).Mark(), "unknown key '{}'{}", path,
+              meant_of(path, key));
     }
     if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(), "{}: cannot be set for one component: {}", path, reason);

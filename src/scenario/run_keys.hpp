@@ -45,7 +45,8 @@ class RunKeys {
  private:
   // A component's name may be mistyped as well.
   std::string meant_of(const std::string& path, const std::string& key) const;
-  void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
+  // `unknown`: the first name on the way here that no key has; null: none.
+  void flatten(const YAML::Node&, const std::string& prefix, Entries&, const YAML::Node* unknown) const;
   void check_empty(const YAML::Node& name, const YAML::Node& map, const std::string& path) const;
 
   const std::string& file_;

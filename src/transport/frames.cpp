@@ -69,7 +69,7 @@ std::uint64_t hash(int domain, const std::string& topic) {
 
 Link link_of(const Config& config, const std::string& who, std::size_t most_bytes) {
   if (config.interface.empty())
-    throw WrongInput(who + " needs an interface. Fix: --interface, or `interface` of both hosts");
+    throw WrongInput("an interface is needed. Fix: --interface, or `interface` of both hosts");
   if (config.ping_topic == config.pong_topic)
     throw WrongInput(fmt::format("{}: ping and pong have the same topic, {}. Fix: set two different topics",
                                  who, config.ping_topic));
