@@ -370,6 +370,13 @@ TEST_F(RecordTest, FileThatMayNotBeReadIsNamedAndNotItsFolder) {
   EXPECT_THAT(error_of_nobody([&] { Writer writer(path_); }), HasSubstr("(" + path_ + ": Permission denied"));
 }
 
+TEST_F(RecordTest, FullDiskAtANewFileHasNoEarlierData) {
+  if (!mount_disk("size=64k")) GTEST_SKIP() << "mounting a tmpfs needs root";
+  std::ofstream(folder_ / "filler") << std::string(64 << 10, 'x');
+  EXPECT_THAT(error_of([&] { Writer writer(path_); }),
+              AllOf(HasSubstr("the disk is full."), ::testing::Not(HasSubstr("Earlier data"))));
+}
+
 TEST_F(RecordTest, FullDiskKeepsWhatWasCommitted) {
   if (!mount_disk("size=2m")) GTEST_SKIP() << "mounting a tmpfs needs root";
   std::uint64_t committed = 0;

@@ -46,11 +46,15 @@ std::string why_not_opened(const std::string& path, sqlite3* handle) {
 }
 
 std::string explanation(const std::string& path, int code, sqlite3* handle) {
+  std::error_code none;
+  const auto size = std::filesystem::file_size(path, none);
+  const bool is_new = none ? none == std::errc::no_such_file_or_directory && !path.empty() : size == 0;
+  const auto* const earlier = is_new ? "" : " Earlier data are in the file.";
   if (code == SQLITE_READONLY_DBMOVED)
     return "it was removed or renamed meanwhile. Try again, or choose another file.";
   switch (code & 0xff) {  // the rest tells kinds of each apart
     case SQLITE_FULL:
-      return "the disk is full. Earlier data are in the file. Free space, or choose a file elsewhere.";
+      return fmt::format("the disk is full.{} Free space, or choose a file elsewhere.", earlier);
     case SQLITE_READONLY:
     case SQLITE_PERM:
       return "it is read-only. Choose another file, or make it and its folder writable.";
@@ -67,10 +71,8 @@ std::string explanation(const std::string& path, int code, sqlite3* handle) {
           "file.",
           why_not_opened(path, handle));
     case SQLITE_IOERR:
-      return fmt::format(
-          "reading or writing failed ({}). Earlier data are in the file. Check the disk, or choose a file "
-          "elsewhere.",
-          reason(handle));
+      return fmt::format("reading or writing failed ({}).{} Check the disk, or choose a file elsewhere.",
+                         reason(handle), earlier);
     case SQLITE_INTERRUPT:
       return "it is damaged (reading it would never end).";
     case SQLITE_ERROR:  // of our SQL, which nothing else can be wrong with
