@@ -30,13 +30,13 @@ namespace fs = std::filesystem;
 // machine lacks fails only its own runs.)
 void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
-  for (const auto& name : names)
-    if (std::ranges::count(names, name) > 1)
-      throw campaign::Error(2, fmt::format("--transports: '{}' occurs twice", name));
-    else if (std::ranges::find(here, name) == here.end())
+  for (const auto& name : names) {
+    if (std::ranges::count(names, name) > 1) throw wrong("--transports: '{}' occurs twice", name);
+    if (std::ranges::find(here, name) == here.end())
       throw campaign::Error(transport::shipped(name) != nullptr ? 3 : 2,
                             fmt::format("--transports: transport '{}' is not installed{}; installed: {}",
                                         name, spelling::suggestion(name, here), fmt::join(here, ", ")));
+  }
 }
 
 using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // with the run's number

@@ -226,7 +226,7 @@ class Combinations {
     const auto path = origin_.keys.current(stated);
     const auto key = at(path);
     if (const auto name = origin_.keys.divided(path).key; !is_key(name) && !is_option(name))
-      fail(node, fmt::format("search: unknown key '{}'{}", path, meant_of(name)));
+      fail(node, "search: unknown key '{}'{}", path, meant_of(name));
     if (key == dimensions_.end() || key->choices.size() < 2)
       fail(node, "search: '{}' has no list of values in this run; list them from lightest to heaviest", path);
     if (key->said.key == "transport")

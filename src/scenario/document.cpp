@@ -178,7 +178,7 @@ void check_quotes(const std::string& file, const std::string& text) {
   if (!ends_within_quotes(text)) return;
   const auto at = open_quote_of(text);
   if (at == text.npos) fail_at(file, mark_of(text, text.size()), "a quote above is not closed");
-  fail_at(file, mark_of(text, at), fmt::format("this {0} is not closed: a second {0} is missing", text[at]));
+  fail_at(file, mark_of(text, at), "this {0} is not closed: a second {0} is missing", text[at]);
 }
 
 // Where a list item or a key of the block is expected, and there is something else. "": not known.

@@ -131,7 +131,7 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
       note_renamed(notices_, file_, entry.first.Mark(), divided(stated).key, divided(path).key);
     if (entry.second.IsMap()) {
       if (divided(path).key == "require")
-        fail_at(file_, entry.second.Mark(), path + ": a list of limits is needed, such as [p99 <= 5 ms]");
+        fail_at(file_, entry.second.Mark(), "{}: a list of limits is needed, such as [p99 <= 5 ms]", path);
       if (entry.second.size() == 0) check_empty(entry.first, entry.second, path);
       const auto key = divided(path).key;
       flatten(entry.second, path + ".", entries,

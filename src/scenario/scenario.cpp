@@ -172,7 +172,7 @@ class File {
       workers.erase(workers.size() - size.size());
       const auto has = [&](const auto& entry) { return keys.divided(entry.first).key == workers; };
       if (std::ranges::none_of(all, has) && !selection_.set.contains(workers))
-        fail(node, fmt::format("{}: no effect without {}, the number of workers", path, workers));
+        fail(node, "{}: no effect without {}, the number of workers", path, workers);
     }
   }
 
