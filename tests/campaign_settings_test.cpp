@@ -76,7 +76,7 @@ TEST_F(IsolationKeys, InvalidValuesAndConflictsAreRefused) {
   EXPECT_THAT(refused("isolation: {cpus: ' '}"), HasSubstr("CPU list"));
   EXPECT_THAT(refused("isolation: {interrupts: on}"), HasSubstr("needs isolation.cpus"));
   EXPECT_THAT(refused("isolation: {load-quota: 50}"), HasSubstr("such as '50 %'"));
-  EXPECT_THAT(refused("isolation: {load-quota: 0 %}"), HasSubstr("from 1 to"));
+  EXPECT_THAT(refused("isolation: {load-quota: 0 %}"), HasSubstr("from 1 % to"));
   EXPECT_THAT(refused("isolation: {load-weight: 0}"), HasSubstr("from 1 to 10000"));
   EXPECT_THAT(refused("isolation: {cpus: 1, interrupts: on}, kernel: {irq-cpus: 0}"),
               HasSubstr("leave out one"));
