@@ -49,7 +49,7 @@ TEST(Judge, NameFromAForeignFileIsOneLine) {
 // Of so many answers so many are slower than 2 ms, and the p99 has no upper end.
 Summary slower(std::uint64_t events, std::uint64_t answers, double effect = 1) {
   auto one = run(measured(1, 0.5, {}));
-  one.round_trip.count = answers;
+  one.sent = one.round_trip.count = answers;
   one.round_trip_certainty[statistics::Figure::p99].effect =
       one.round_trip_certainty[statistics::Figure::p99_9].effect = effect;
   one.round_trip_certainty.slowest_effect = effect;
@@ -112,6 +112,7 @@ TEST(Judge, UnknownLossOrLatenessIsOpen) {
 
 TEST(Judge, MessageWithoutAnAnswerIsSlowerThanLimitsUpToItsTimeout) {
   auto one = slower(0, 1500);
+  one.run.asked.task.client.timeout = std::chrono::milliseconds(500);
   one.sent = 1600;
   one.lost = 100;
   one.response = one.round_trip;

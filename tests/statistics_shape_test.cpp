@@ -135,7 +135,7 @@ TEST(SlowerThan, MessageWithoutAnAnswerWaitedForItsTimeout) {
     sample.fate = Fate::lost;
     sample.received_ns = 0;
   }
-  const auto summary = summary_of(samples, {});
+  const auto summary = summary_of(samples, {{"timeout_us", 500'000}});
   const auto at_the_timeout = slower_than(summary, Times::round_trip, 500e6);
   EXPECT_EQ(at_the_timeout.at_least.events, 3U);
   EXPECT_EQ(at_the_timeout.at_least.messages, 100U);
