@@ -90,9 +90,11 @@ TEST_F(ScenarioFile, WrongIndentationIsNamedInPlainWords) {
   for (const auto* third : {"    period: 1 s\n   domain: 1\n", "   period: 1 s\n", " period: 1 s\n",
                             "- id: b\n", "   - id: b\n", " - id: b\n"})
     EXPECT_THAT(error(std::string("runs:\n  - id: a\n") + third),
-                HasSubstr("this line is indented differently from the keys or list items above it"))
+                HasSubstr(" is no part of the block above it. Fix: "))
         << third;
   EXPECT_THAT(error("runs:\n  - id: a\n  -id: b\n"), HasSubstr(":3:3: a space is needed after '-'"));
+  EXPECT_THAT(error("runs:\n  - id: a\n  transport: udp\n"), HasSubstr(":3:3: this line is no part of"));
+  EXPECT_THAT(error("title: a\n- id: b\n"), HasSubstr(":2:1: this list item is no part of"));
   EXPECT_THAT(error("runs: [{id: a}]]\n"), HasSubstr(":1:16: this ] closes nothing"));
   EXPECT_THAT(error("runs: [{id: a}}]\n"), HasSubstr(":1:15: this } closes nothing"));
   EXPECT_THAT(error("title: \"x\nruns: \"y\"\n"), HasSubstr(":2:8: this text follows a closing \". Fix: "));

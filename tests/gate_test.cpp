@@ -129,6 +129,11 @@ TEST(Judge, MessageWithoutAnAnswerIsSlowerThanLimitsUpToItsTimeout) {
     EXPECT_FALSE(judgement.is_sure) << text;
     EXPECT_THAT(judgement.says, HasSubstr("100 of 1,600 messages were lost")) << text;
   }
+  auto silent = one;
+  silent.lost = silent.sent;
+  silent.round_trip = {};
+  EXPECT_EQ(judged("max > 2 ms", silent).result, Result::missed);
+  EXPECT_EQ(judged("max > 501 ms", silent).result, Result::cannot_judge);
   const auto half = judged("p50 > 2 ms", one);
   EXPECT_EQ(half.result, Result::held);
   EXPECT_TRUE(half.is_sure);

@@ -141,6 +141,14 @@ TEST(Compare, KeyLeavesOutRunsThatDifferInMore) {
   EXPECT_EQ(comparison.only_to.size(), 1U);
 }
 
+TEST(Compare, BackgroundTopicsAreOneGroup) {
+  const auto with = said({{"background.topics", "3"}, {"background.rate", "50 Hz"}});
+  const auto values = values_of(recorded({{}, with}), "background");
+  EXPECT_EQ(values.at(0), unset);
+  EXPECT_THAT(words_of_value("background", values.at(1)),
+              ::testing::AllOf(::testing::HasSubstr("3"), ::testing::Not(::testing::HasSubstr("{"))));
+}
+
 TEST(Compare, KeyComparesTheOtherKeysOfItsGroup) {
   std::vector<conditions::Run> all;
   for (const auto* rate : {"1 Mbit/s", "2 Mbit/s"})

@@ -359,28 +359,71 @@ TEST_F(Following, SamplesThatComeAtTheEndAreReported) {
   EXPECT_EQ(follower.look().state, State::ended);
 }
 
-TEST_F(Following, NextRunStartsAtZeroAfterTheEndOfTheOneBefore) {
+TEST_F(Following, EachRunIsSeenToItsEnd) {
+  const auto whole = [](record::Writer& writer, std::uint64_t messages) {
+    const auto run = writer.begin_run(asked());
+    writer.append(run, usual(0, messages));
+    writer.end_run(run, {{"interrupted", false}});
+  };
   const auto child = measuring({[](auto& writer) { writer.append(writer.begin_run(asked()), usual(0, 500)); },
-                                [](auto& writer) {
+                                [&](auto& writer) {
                                   writer.append(1, usual(500, 7));
                                   writer.end_run(1, {{"interrupted", false}});
+                                  whole(writer, 2);
                                   writer.append(writer.begin_run(asked()), usual(0, 3));
                                 }});
   Follower follower(path_);
   EXPECT_EQ(follower.look().sent, 500U);
+  EXPECT_FALSE(follower.has_next());
   next_step();
   EXPECT_EQ(follower.look().sent, 507U) << "its end came between two looks";
+  EXPECT_TRUE(follower.has_next());
+  EXPECT_EQ(follower.look().sent, 2U) << "it both began and ended between them";
   EXPECT_EQ(follower.look().state, State::measuring);
-  EXPECT_EQ(follower.look().run.number, 2);
+  EXPECT_EQ(follower.look().run.number, 3);
   EXPECT_EQ(follower.look().sent, 3U);
-  ASSERT_EQ(follower.before().size(), 1U);
+  EXPECT_FALSE(follower.has_next());
+  ASSERT_EQ(follower.before().size(), 2U);
   EXPECT_EQ(follower.before()[0].sent, 507U);
   const auto metrics = metrics_of(follower.look(), follower.before());
   for (const auto* count :
-       {"[{]run=\"1\"[^\n]*fate=\"lost\"[}] 0\n", "[{]run=\"2\"[^\n]*fate=\"lost\"[}] 0\n"})
+       {"[{]run=\"1\"[^\n]*fate=\"lost\"[}] 0\n", "[{]run=\"3\"[^\n]*fate=\"lost\"[}] 0\n"})
     EXPECT_THAT(metrics, ::testing::ContainsRegex(std::string("ontime_messages_total") + count));
   EXPECT_THAT(metrics, ::testing::ContainsRegex("seconds_count[{]run=\"1\"[^\n]* 507\n"));
-  EXPECT_THAT(metrics, ::testing::ContainsRegex("seconds_count[{]run=\"2\"[^\n]* 3\n"));
+  EXPECT_THAT(metrics, ::testing::ContainsRegex("seconds_count[{]run=\"3\"[^\n]* 3\n"));
+  kill(child);
+  EXPECT_EQ(follower.look().state, State::ended);
+}
+
+// Components are measured together; what was cut off has no end.
+TEST_F(Following, RunThatALaterOneOutlivedGivesWay) {
+  const auto child = measuring({[](auto& writer) { writer.append(writer.begin_run(asked()), usual(0, 5)); },
+                                [](auto& writer) { writer.append(writer.begin_run(asked()), usual(0, 6)); },
+                                [](auto& writer) {
+                                  writer.end_run(2, {{"interrupted", false}});
+                                }});
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().run.number, 1);
+  next_step();
+  EXPECT_EQ(follower.look().run.number, 1);
+  next_step();
+  EXPECT_EQ(follower.look().run.number, 2);
+  EXPECT_THAT(follower.before(), ::testing::IsEmpty());
+  kill(child);
+}
+
+TEST_F(Following, NewestRunOfARecordingIsSeen) {
+  const auto begin = [](record::Writer& writer) {
+    auto of = asked();
+    of["measures"] = "age";
+    writer.begin_run(of);
+  };
+  const auto child = measuring({begin, begin});
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().run.number, 1);
+  next_step();
+  EXPECT_EQ(follower.look().run.number, 2);
+  EXPECT_THAT(follower.before(), ::testing::IsEmpty()) << "it goes on";
   kill(child);
 }
 

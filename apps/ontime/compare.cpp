@@ -90,7 +90,8 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
   a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
   if (values == std::vector<std::string>{report::unset}) refuse_unknown(arguments.by, a);
-  if (values.size() > 2 && arguments.from.empty()) std::erase(values, report::unset);
+  const bool is_group = conditions::key_named(conditions::current_key(arguments.by)) == nullptr;
+  if (values.size() > 2 && arguments.from.empty() && !is_group) std::erase(values, report::unset);
   auto words = report::words_of_values(arguments.by, values);
   const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(words, ", "));
   if (!arguments.from.empty()) {

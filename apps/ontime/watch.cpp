@@ -70,7 +70,7 @@ int follow(const WatchArguments& arguments) {
         std::this_thread::sleep_for(100ms);
       return interrupted ? 130 : 0;
     }
-    std::this_thread::sleep_for(1s);
+    if (!follower.has_next()) std::this_thread::sleep_for(1s);
   }
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 #include <sstream>
+#include <thread>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -151,10 +152,11 @@ Findings cpu_quota(const Look& look) {
   const auto quotas = machine::cpu_quotas(look.subject().root);
   const auto least = std::ranges::min_element(quotas, {}, &machine::GroupQuota::cpus);
   if (least == quotas.end()) return {};
+  if (least->cpus >= std::thread::hardware_concurrency() && least->throttled_periods == 0) return {};
   const auto stops = table::many(least->throttled_periods, "stop", "stops");
   return {
       {Severity::hint,
-       fmt::format("this control group may use {:.3g} CPUs: {} so far, {:.3g} s added over CPUs", least->cpus,
+       fmt::format("this control group may use {:.3g} CPUs: {} so far, {:.1f} s added over CPUs", least->cpus,
                    stops, static_cast<double>(least->throttled_ns) / 1e9),
        "no quota, or more than the robot's programs ever use",
        "when it is used up, all ordinary threads of the group stop until its next period (often 100 ms)",

@@ -116,15 +116,20 @@ std::string slower_words(const statistics::Between& slower) {
       slower.unanswered == 0 ? "" : fmt::format(" ({} had no answer)", grouped(slower.unanswered)));
 }
 
+// A limit for a percentile or the maximum of a run: a message without an answer was slower, as it waited for
+// its time-out.
+bool counts_unanswered(const Gate& gate, const Summary& run) {
+  return !gate.is_relative() && !is_share(gate) && gate.figure != Figure::mean &&
+         !run.run.asked.is_listened() &&
+         static_cast<double>(run.run.asked.task.client.timeout.count()) >= gate.limit;
+}
+
 // A mean and a change are of answers alone, and whether a lost message was slower than a limit above its
 // time-out is unknown. Where more were lost than the metric leaves above itself, it may keep to the limit
 // only because of them.
 bool is_of_too_few_answers(const Gate& gate, const Summary& run) {
   const auto& metric = statistics::metric_of(gate.figure);
-  const bool counts_unanswered =
-      !gate.is_relative() && gate.figure != Figure::mean && !run.run.asked.is_listened();
-  if (counts_unanswered && static_cast<double>(run.run.asked.task.client.timeout.count()) >= gate.limit)
-    return false;
+  if (counts_unanswered(gate, run)) return false;
   const double permitted = metric.one_in > 0 ? metric.share_above() : 0;
   return !metric.is_share && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
 }
@@ -401,7 +406,10 @@ Judgement judge(const Gate& gate, const Summary& run) {
   if (const auto why = not_seen(gate, run); !why.empty()) return open(why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
   const auto found = statistics::measured(run, gate.times, gate.figure);
-  if (!found) return open(nothing_answered);
+  if (!found)
+    return run.lost > 0 && counts_unanswered(gate, run)
+               ? judgement(gate, name_of(run), Result::missed, nothing_answered)
+               : open(nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
   if (gate.figure == Figure::max) {
     const auto slower = probability_beyond(gate, run);

@@ -199,7 +199,9 @@ std::string words_of(const conditions::Field& field, const json& value) {
 std::string words_of_group(const std::string& key, const json& value) {
   Summary alone;
   // The hosts are known: no load is then "no load".
-  alone.run.asked = json{{"hosts", ""}, {key, value}};
+  json asked = {{"hosts", ""}};
+  asked[conditions::places_of(key).front()] = value;
+  alone.run.asked = asked;
   std::vector<std::string> texts;
   for (const auto& [of, text, in_labels_alone] : phrases_of(alone))
     if (of == key || of.starts_with(key + ".")) texts.push_back(text);

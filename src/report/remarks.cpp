@@ -179,7 +179,7 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
   suspect("component", "receive", "server answered", summary.server.max);
   // A faulty or a full link delays as long by itself, and so does a repeated transmission.
   const auto& asked = summary.run.asked;
-  const bool by_the_link = asked.faults.disturb() || asked.traffic.any() ||
+  const bool by_the_link = asked.faults.disturb() || !asked.faults.qdisc.empty() || asked.traffic.any() ||
                            std::ranges::any_of(summary.run.outcome.hosts, [](const auto& host) {
                              return host.second.losses.on_the_way > 0;
                            });
@@ -237,8 +237,10 @@ constexpr std::uint64_t surely_gone = 10, few = 3;  // messages
 void add_silence(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   if (summary.unanswered_at_end < few || summary.unanswered_at_end == summary.sent) return;
   const auto& client = summary.run.asked.task.client;
-  const auto silent_ns = summary.start_ns + client.duration.count() - summary.unanswered_from_ns;
-  const bool is_long = statistics::is_complete(summary.run) && silent_ns > 2 * client.timeout.count();
+  const auto ns = [](auto count) { return static_cast<double>(count); };
+  const auto silent_ns = ns(summary.start_ns) + ns(client.duration.count()) - ns(summary.unanswered_from_ns);
+  const bool is_long = statistics::is_complete(summary.run) && summary.run.asked.faults.loss == 0 &&
+                       silent_ns > 2 * ns(client.timeout.count());
   if (summary.unanswered_at_end < surely_gone && !is_long) return;
   remarks.push_back({Weight::caution, fmt::format("no answers from {:.1f} s to the end: {} messages",
                                                   seconds_into(summary, summary.unanswered_from_ns),

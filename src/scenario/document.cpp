@@ -149,11 +149,11 @@ void parse(const std::string& text, Bounds& bounds) {
   }
 }
 
-// Before a line break or a blank at the end of the text, yaml-cpp drops a quote that is not closed, and all
-// below it, without an error.
+// Before a line break, a blank or a quote at the end of the text, yaml-cpp drops a quote that is not closed,
+// and all below it, without an error.
 bool ends_within_quotes(const std::string& text) try {
   Bounds bounds;
-  parse(text.substr(0, text.find_last_not_of(" \t\r\n") + 1), bounds);
+  parse(text.substr(0, text.find_last_not_of(" \t\r\n") + 1) + 'x', bounds);
   return false;
 } catch (const YAML::Exception& error) {
   return error.msg == YAML::ErrorMsg::EOF_IN_SCALAR;
@@ -185,9 +185,13 @@ void check_quotes(const std::string& file, const std::string& text) {
 std::string flaw_of_block(const std::string& line, std::size_t column) {
   const auto from = line.find_first_not_of(' ');
   if (column == from)
-    return line[column] == '-' && column + 1 < line.size() && line[column + 1] != ' '
+    return line[column] != '-' || column + 1 == line.size()
+               ? "this line is no part of the block above it. Fix: align it with the keys or list items that "
+                 "it belongs "
+                 "to, and check that ':' follows a key"
+           : line[column + 1] != ' '
                ? "a space is needed after '-'"
-               : "this line is indented differently from the keys or list items above it";
+               : "this list item is no part of the block above it. Fix: check its indentation";
   const char before = line[line.find_last_not_of(' ', column - 1)];
   if (before == '"' || before == '\'')
     return fmt::format("this text follows a closing {}. Fix: look for a quote that is missing above", before);

@@ -173,15 +173,19 @@ void Follower::look_once() {
     begin({});
     runs = reader.runs(1);
   }
-  bool is_followed = false;
   if (!runs.empty()) {
     // The next run can have the number of a removed run, whose samples are gone.
     const auto is_current = [&](const record::Run& run) {
       return run.number == progress_.run.number && run.asked.document == progress_.run.asked.document;
     };
-    // A run that ended since the last look is seen once more, with all its messages.
-    is_followed = !is_over_ && runs.size() > 1 && is_current(runs.front());
-    const auto& seen = is_followed ? runs.front() : runs.back();
+    // A run that a later one has outlived was cut off: those of several components end together. A recording
+    // begins a run with each flow, and ends all at last: the newest is shown.
+    const auto& first = runs.front();
+    const auto has_ended = [](const record::Run& run) { return run.outcome.has_ended(); };
+    const bool is_outlived = !has_ended(first) && std::ranges::any_of(runs, has_ended);
+    const auto& seen = !is_current(first) || first.asked.is_listened() ? runs.back()
+                       : (is_over_ || is_outlived) && runs.size() > 1  ? runs[1]
+                                                                       : first;
     if (!is_current(seen)) begin(seen);
     progress_.run = seen;
   }
@@ -219,8 +223,9 @@ void Follower::look_once() {
                   counted.sent > newest.sent ? 0 : counted.trailing_until_ns}));
   }
   // The outcome of a flight recorder's run is preliminary.
-  const bool has_ended = !is_written || is_followed || (progress_.run.outcome.has_ended() && !keeps_worst);
+  const bool has_ended = !is_written || (progress_.run.outcome.has_ended() && !keeps_worst);
   is_over_ = has_ended && progress_.run.number > 0;
+  has_next_ = is_over_ && runs.back().number > progress_.run.number;
   if (has_ended) add_end(newest, progress_.run, start_ns_, timeout_ns);
   const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
   progress_.unrecorded = keeps_worst ? 0 : missing;  // it was to keep no others
@@ -230,9 +235,9 @@ void Follower::look_once() {
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
   if (progress_.samples_wait) progress_.elapsed_s.reset();
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);
-  progress_.state = !is_written && !is_followed ? Progress::State::ended
-                    : under_way                 ? Progress::State::measuring
-                                                : Progress::State::waiting;
+  progress_.state = !is_written && !has_next_ ? Progress::State::ended
+                    : under_way               ? Progress::State::measuring
+                                              : Progress::State::waiting;
 }
 
 }  // namespace ontime::watch

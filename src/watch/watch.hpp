@@ -87,9 +87,11 @@ struct Progress : Counted {
 class Follower {
  public:
   explicit Follower(std::string results) : results_(std::move(results)) {}
-  // Throws record::Error. If the file has vanished, the measurement has ended, with the last counts. A run is
-  // seen until its end, unless it both began and ended between two looks.
+  // Throws record::Error. If the file has vanished, the measurement has ended, with the last counts. The
+  // first look is at the newest run. A run is seen until its end, then the next one; of a recording always
+  // the newest.
   const Progress& look();
+  bool has_next() const { return has_next_; }  // the end of this run was seen, and a later one is there
   // The runs that were seen to end before this one, the oldest first; at most 16.
   const std::deque<Progress>& before() const { return before_; }
 
@@ -101,7 +103,7 @@ class Follower {
   Counted settled_;  // final counts, up to the first message that may change
   std::optional<std::int64_t> start_ns_;
   Progress progress_;
-  bool is_over_ = false;  // its end was seen
+  bool is_over_ = false, has_next_ = false;
   std::deque<Progress> before_;
 };
 
