@@ -46,6 +46,16 @@ class Screen {
   std::string shown_;
 };
 
+// A program that fetched metrics before gets the last ones, too. Prometheus fetches once a minute, if not
+// more often.
+void hand_over_last(const watch::Metrics& metrics, const campaign::Interrupts& interrupts) {
+  if (interrupts > 0 || !metrics.is_awaited()) return;
+  print_error("waiting until the last metrics are fetched, for at most a minute (Ctrl-C: leave)");
+  const auto until = std::chrono::steady_clock::now() + 1min;
+  while (interrupts == 0 && metrics.is_awaited() && std::chrono::steady_clock::now() < until)
+    std::this_thread::sleep_for(100ms);
+}
+
 int follow(const WatchArguments& arguments) {
   const bool as_json = is_json_flag(arguments.format);
   auto& interrupts = catch_interrupts();
@@ -62,14 +72,8 @@ int follow(const WatchArguments& arguments) {
     else
       screen.show(watch::text_of(progress), last);
     if (metrics && !interrupted) metrics->set(watch::metrics_of(progress, follower.before()));
-    if (last) {
-      // A program that fetched metrics before gets the last ones, too. Prometheus fetches at least once a
-      // minute by default.
-      const auto until = std::chrono::steady_clock::now() + 1min;
-      while (metrics && interrupts == 0 && metrics->is_awaited() && std::chrono::steady_clock::now() < until)
-        std::this_thread::sleep_for(100ms);
-      return interrupted ? 130 : 0;
-    }
+    if (last && metrics) hand_over_last(*metrics, interrupts);
+    if (last) return interrupted ? 130 : 0;
     if (!follower.has_next()) std::this_thread::sleep_for(1s);
   }
 }
