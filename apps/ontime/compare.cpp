@@ -76,6 +76,7 @@ void refuse_unknown(const std::string& key, const Summaries& runs) {
     paths.push_back(known.path);
     groups.insert(known.path.substr(0, known.path.find('.')));
   }
+  if (groups.contains(key)) throw wrong("--by: no run has {}. See: ontime report", key);
   for (const auto& group : groups)  // each once: a file may have very many values
     if (report::values_of(runs, group).size() > 1) differ.insert(group);
   auto meant = spelling::suggestion(key, paths);
