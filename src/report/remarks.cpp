@@ -304,6 +304,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add(Weight::detail, drops_text(outcome));
   add(Weight::detail, link_faults_text(outcome));
   add(Weight::detail, missed_launches_text(outcome));
+  for (const auto& text : clocks(summary)) add(Weight::caution, text);
   const auto count = [&](Weight weight, const char* what, std::uint64_t number) {
     if (number > 0)
       remarks.push_back({weight, fmt::format("{}: {{}}", what), static_cast<double>(number), number_text});
@@ -317,7 +318,6 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add_taken_away(remarks, summary);
   add_quota(remarks, outcome);
   add_other_load(remarks, summary);
-  for (const auto& text : clocks(summary)) add(Weight::caution, text);
   add_throttling(remarks, summary);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
