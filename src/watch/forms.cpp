@@ -221,7 +221,7 @@ std::string metrics_of(const Progress& newest, const std::deque<Progress>& befor
   const auto in_s = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
   text.begin("messages_total", "counter", "Messages of a run, by outcome.");
   for (const auto& [run, progress] : runs) {
-    const auto add_fate = [&](const char* fate, bool is_known, std::uint64_t count) {
+    const auto add_fate = [&text, &run = run](const char* fate, bool is_known, std::uint64_t count) {
       if (is_known) text.add(run + "," + labels({{"fate", fate}}), count);
     };
     const bool late = statistics::knows_late(progress->run), lost = statistics::knows_loss(progress->run);

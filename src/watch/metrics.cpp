@@ -5,6 +5,7 @@
 #include <condition_variable>
 #include <cstdint>
 #include <cstring>
+#include <memory>
 #include <mutex>
 #include <stdexcept>
 #include <string_view>
@@ -57,7 +58,7 @@ class Text {
  public:
   // The text and its number, from 1. A request before the first text waits for it; 0: it did not come in
   // time.
-  std::pair<std::string, std::uintptr_t> get() {
+  std::pair<std::string, std::uint64_t> get() {
     std::unique_lock lock(mutex_);
     is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return number_ > 0; });
     return {text_, number_};
@@ -70,7 +71,7 @@ class Text {
     }
     is_set_.notify_all();
   }
-  void was_sent(std::uintptr_t number) {
+  void was_sent(std::uint64_t number) {
     const std::lock_guard lock(mutex_);
     sent_ = std::max(sent_, number);
   }
@@ -83,23 +84,23 @@ class Text {
   mutable std::mutex mutex_;
   std::condition_variable is_set_;
   std::string text_;
-  std::uintptr_t number_ = 0, sent_ = 0;
+  std::uint64_t number_ = 0, sent_ = 0;
 };
 
-void completed(void* metrics, MHD_Connection*, void** number, MHD_RequestTerminationCode code) {
-  if (code == MHD_REQUEST_TERMINATED_COMPLETED_OK)
-    static_cast<Text*>(metrics)->was_sent(reinterpret_cast<std::uintptr_t>(*number));
+void completed(void* metrics, MHD_Connection*, void** request, MHD_RequestTerminationCode code) {
+  const std::unique_ptr<const std::uint64_t> number(static_cast<const std::uint64_t*>(*request));
+  if (number && code == MHD_REQUEST_TERMINATED_COMPLETED_OK) static_cast<Text*>(metrics)->was_sent(*number);
 }
 
 MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target, const char* method,
-                  const char*, const char*, std::size_t*, void** number) {
+                  const char*, const char*, std::size_t*, void** request) {
   const std::string_view asked = method;
   const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
   const bool is_there = target == std::string_view("/metrics");
   std::string text;
-  std::uintptr_t of_text = 0;
+  std::uint64_t of_text = 0;
   if (may && is_there) std::tie(text, of_text) = static_cast<Text*>(metrics)->get();
-  *number = reinterpret_cast<void*>(of_text);
+  *request = std::make_unique<std::uint64_t>(of_text).release();  // completed() has it
   using Answer = std::pair<unsigned, std::string>;
   auto [status, body] = of_text > 0 ? Answer(MHD_HTTP_OK, text)
                         : !may      ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
