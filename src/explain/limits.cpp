@@ -35,9 +35,8 @@ void add_throttled(Lines& limits, const record::Run& run) {
   for (const auto& [whose, quota] : record::throttled(run.outcome))
     limits.push_back(fmt::format(
         "a CPU quota of {:.3g} CPUs stopped {} control group in {} of the quota's periods, for {:.1f} s "
-        "added over "
-        "CPUs. No event shows such a stop: where other threads ran meanwhile, it counts as a wait for a CPU. "
-        "Fix: raise the quota; it does not stop real-time threads",
+        "added over CPUs. No event shows such a stop: where other threads ran meanwhile, it counts as a wait "
+        "for a CPU. Fix: raise the quota; it does not stop real-time threads",
         quota.cpus, whose, quota.throttled_periods, static_cast<double>(quota.throttled_ns) / 1e9));
 }
 
