@@ -159,7 +159,7 @@ template <class Value>
 Option* Command::add_option(const std::string& flags, Value& value, const std::string& help,
                             const std::string& what) {
   auto* const option = app_->add_option(flags, value, help);
-  return keep(what.empty() ? option : option->type_name(what));
+  return keep(what.empty() && !option->get_positional() ? option : option->type_name(what));
 }
 using Text = const std::string&;
 template Option* Command::add_option(Text, std::string&, Text, Text);
@@ -221,6 +221,7 @@ Program::Program(const std::string& name, const std::string& help, const std::st
     : app_(std::make_unique<CLI::App>(help, name)), command_(app_.get(), chosen_) {
   app_->set_version_flag("--version", version);
   app_->get_formatter()->column_width(help_column);
+  app_->get_formatter()->label("REQUIRED", "(required)");
   app_->failure_message(message_of);
 }
 Program::~Program() = default;

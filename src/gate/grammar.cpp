@@ -72,6 +72,7 @@ class Parser {
     }
     std::string known;
     for (const auto& row : statistics::metrics) {
+      if (use_ == Use::goal && row.figure == Figure::mean && name != row.name) continue;  // it takes no mean
       known += (known.empty() ? "" : ", ") + std::string(row.name);
       if (name != row.name) continue;
       gate_.figure = row.figure;
@@ -137,6 +138,8 @@ class Parser {
     if (error != std::errc{} || !std::isfinite(number) || number < 0 || number > 1e15)
       fail(at_, "expected a number");
     at_ = static_cast<std::size_t>(end - text_.data());
+    if (at_ + 1 < text_.size() && text_[at_] == ',' && text_[at_ + 1] >= '0' && text_[at_ + 1] <= '9')
+      fail(at_, "the decimal sign is a point, such as 1.5");
     return number;
   }
 

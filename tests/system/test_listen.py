@@ -116,8 +116,12 @@ class Listen(Robot):
             rows = dict(database.execute("SELECT message, received_after_ns FROM sample JOIN run ON run = number "
                                          "WHERE id = '/cmd_vel age'"))
         self.assertGreater(len(rows), MESSAGES // 4)
-        ahead = max(taken) - max(rows)
-        self.assertEqual({message + ahead for message, age in rows.items() if age is not None}, set(taken) & {message + ahead for message in rows})
+        # The last taken one may be among these, and a lost one may follow it. Which are taken differs, so the rows fit at one
+        # place only.
+        there = {message for message, age in rows.items() if age is not None}
+        first = max(taken) - max(rows)
+        self.assertTrue(any({message + ahead for message in there} == set(taken) & {message + ahead for message in rows}
+                            for ahead in range(first - 500, first + 500)), (first, sorted(there), taken))
         self.assertLessEqual(max(rows) + 1 - min(rows) - len(rows), flow["not_judged"] + flow["lost_not_judged"])
         self.assertEqual(flow["lost"], sum(age is None for age in rows.values()))
         self.assertEqual(self.kept()[1]["/cmd_vel age"]["lost"], flow["lost"])
@@ -371,11 +375,12 @@ class Listen(Robot):
         flow, = json.loads(done.stdout)["flows"]
         self.assertEqual((flow["writer"]["pid"], flow["reader"]["pid"]), (node.pid, node.pid))
         # One of 110 is never taken, one of 11 is a copy; the window begins and ends anywhere.
-        # Judged from the message on by which the writer is recognized, as ages are.
+        # Lost ones are judged from the message on by which the writer is recognized, as ages are. Copies are known before.
         judged = flow["age"]["count"]
         self.assertGreater(judged, 0)
         self.assertAlmostEqual(flow["lost"], judged / 109, delta=2)
-        self.assertAlmostEqual(flow["duplicated"], judged * 10 / 109, delta=11)
+        self.assertGreaterEqual(flow["duplicated"], judged * 10 / 109 - 11)
+        self.assertLessEqual(flow["duplicated"], flow["messages"] * 10 / 109 + 11)
         self.assertEqual(flow["out_of_order"], 0)
         self.assertLess(flow["age"]["p50_ns"], 10_000_000)
 
