@@ -211,6 +211,20 @@ TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
   EXPECT_THAT(judgement.says, HasSubstr("of B: no message"));
 }
 
+TEST(JudgeAChange, LateIsOfAnswersSoLossesMakeItUncertain) {
+  const auto gate = parse("late > +1 points", Use::fail_if_compared);
+  auto a = run({}), b = run({});
+  for (auto* one : {&a, &b}) {
+    one->late_probability.surer = {0, 0.004};
+    one->late_probability.messages = 1000;
+  }
+  EXPECT_TRUE(judge(gate, {&a}, {&b}, SingleRuns::judged).is_sure);
+  b.lost = 20;
+  EXPECT_FALSE(judge(gate, {&a}, {&b}, SingleRuns::judged).is_sure);
+  b.lost = b.sent;
+  EXPECT_EQ(judge(gate, {&a}, {&b}, SingleRuns::judged).result, Result::cannot_judge);
+}
+
 TEST(JudgeAChange, UnknownLossOrLatenessIsOpen) {
   auto one = run(measured(1, 0.9, 1.1));
   one.late_probability.messages = one.lost_probability.messages = 1500;

@@ -110,6 +110,23 @@ TEST(Judge, UnknownLossOrLatenessIsOpen) {
   EXPECT_EQ(judged("late > 0", one).result, Result::cannot_judge) << "no limit was stated";
 }
 
+TEST(Judge, MessageWithoutAnAnswerIsLate) {
+  auto one = run({}, 3);
+  one.lost = 20;
+  one.missed_probability.value = 0.023;
+  one.missed_probability.surer = {0.014, 0.036};
+  one.missed_probability.messages = 1000;
+  one.late_probability.messages = 1000;
+  EXPECT_EQ(judged("late > 22", one).says, "23 of 1,000 messages (20 had no answer)");
+  EXPECT_EQ(judged("late > 22", one).result, Result::missed);
+  EXPECT_EQ(judged("late > 23", one).result, Result::held);
+  EXPECT_EQ(judged("late > 1 %", one).result, Result::missed);
+  EXPECT_THAT(judged("late > 1 %", one).says, HasSubstr("2.3 % (20 had no answer)"));
+  one.run.asked.task.client.deadline = std::chrono::milliseconds(10);
+  one.run.asked.measures = "age";  // of a robot's topic each of both has its own count
+  EXPECT_EQ(judged("late > 3", one).says, "3 of 1,000 messages");
+}
+
 TEST(Judge, MessageWithoutAnAnswerIsSlowerThanLimitsUpToItsTimeout) {
   auto one = slower(0, 1500);
   one.run.asked.task.client.timeout = std::chrono::milliseconds(500);

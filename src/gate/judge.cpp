@@ -114,11 +114,17 @@ std::string slower_words(const statistics::Between& slower) {
       slower.unanswered == 0 ? "" : fmt::format(" ({} had no answer)", grouped(slower.unanswered)));
 }
 
-// A limit for a percentile or the maximum of a run: a message without an answer was slower, as it waited for
-// its time-out.
+// Of answers alone, so that a loss would hide from it.
+bool is_late_answers(const Gate& gate, const Summary& run) {
+  return gate.figure == Figure::late && gate.times == statistics::Times::round_trip &&
+         !run.run.asked.is_listened();
+}
+
+// A limit for late messages, a percentile or the maximum of a run: a message without an answer was slower, as
+// it waited for its time-out.
 bool counts_unanswered(const Gate& gate, const Summary& run) {
-  return !gate.is_relative() && !is_share(gate) && gate.figure != Figure::mean &&
-         !run.run.asked.is_listened() &&
+  if (is_share(gate)) return is_late_answers(gate, run) && !gate.is_relative();
+  return !gate.is_relative() && gate.figure != Figure::mean && !run.run.asked.is_listened() &&
          static_cast<double>(run.run.asked.task.client.timeout.count()) >= gate.limit;
 }
 
@@ -127,9 +133,15 @@ bool counts_unanswered(const Gate& gate, const Summary& run) {
 // only because of them.
 bool is_of_too_few_answers(const Gate& gate, const Summary& run) {
   const auto& metric = statistics::metric_of(gate.figure);
-  if (counts_unanswered(gate, run)) return false;
+  if (counts_unanswered(gate, run) || (metric.is_share && !is_late_answers(gate, run))) return false;
   const double permitted = metric.one_in > 0 ? metric.share_above() : 0;
-  return !metric.is_share && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
+  return static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
+}
+
+std::string unanswered_words(const Gate& gate, const Summary& run) {
+  return run.lost > 0 && is_share(gate) && counts_unanswered(gate, run)
+             ? fmt::format(" ({} had no answer)", grouped(run.lost))
+             : "";
 }
 
 // A sender that stood still has sent nothing that could be late.
@@ -151,14 +163,16 @@ Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summar
 
 Judgement judge_count(const Gate& gate, const Summary& run) {
   const bool by_response = gate.times == statistics::Times::response;
-  const auto late = by_response ? run.late_by_response : std::optional(run.late);
+  const auto late = by_response ? run.late_by_response
+                                : std::optional(run.late + (counts_unanswered(gate, run) ? run.lost : 0));
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
   if (!count) return judgement(gate, name_of(run), Result::cannot_judge, "the record has no deadline");
   return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
                 by_response
                     ? fmt::format("{} of {} cycles", grouped(*count), grouped(run.sent + run.skipped_cycles))
-                    : fmt::format("{} of {} messages", grouped(*count), grouped(run.sent))),
+                    : fmt::format("{} of {} messages{}", grouped(*count), grouped(run.sent),
+                                  unanswered_words(gate, run))),
       gate, run);
 }
 
@@ -227,7 +241,9 @@ std::string why_open(const statistics::Measured& found) {
 }  // namespace
 
 statistics::Between probability_beyond(const Gate& gate, const Summary& run) {
-  const auto* share = statistics::probability_of(run, gate.times, gate.figure);
+  const auto* share = counts_unanswered(gate, run) && is_share(gate)
+                          ? &run.missed_probability
+                          : statistics::probability_of(run, gate.times, gate.figure);
   return share != nullptr ? statistics::Between{*share, *share}
                           : statistics::slower_than(run, gate.times, gate.limit);
 }
@@ -286,12 +302,14 @@ Judgement judge(const Gate& gate, const Summary& run) {
   if (const auto why = unfit(run); !why.empty()) return open(why);
   if (const auto why = not_seen(gate, run); !why.empty()) return open(why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
-  const auto found = statistics::measured(run, gate.times, gate.figure);
+  auto found = statistics::measured(run, gate.times, gate.figure);
+  if (found && is_share(gate)) found = statistics::Measured(probability_beyond(gate, run).at_most);
   if (!found)
     return run.lost > 0 && counts_unanswered(gate, run)
                ? judgement(gate, name_of(run), Result::missed, nothing_answered)
                : open(nothing_answered);
-  auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
+  auto says =
+      fmt::format("{} is {}{}", figure_of(gate), value_of(gate, found->value), unanswered_words(gate, run));
   if (gate.figure == Figure::max) {
     const auto slower = probability_beyond(gate, run);
     if (slower.unanswered > 0) says += "; " + slower_words(slower);
@@ -348,7 +366,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
     for (const auto* run : *runs) {
       auto why = unfit(*run);
       if (why.empty()) why = not_seen(gate, *run);
-      if (why.empty() && !statistics::measured(*run, gate.times, gate.figure)) why = nothing_answered;
+      if (why.empty() && (!statistics::measured(*run, gate.times, gate.figure) ||
+                          (is_late_answers(gate, *run) && run->lost == run->sent)))
+        why = nothing_answered;
       if (!why.empty())
         return open(fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
     }

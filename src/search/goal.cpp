@@ -70,11 +70,8 @@ double messages_to_prove(const Limit& limit, double of_run) {
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
-  // A gate's `late` counts late answers alone. A goal's counts lost messages, too: else the search would hold
-  // it with a setting by which late answers become lost ones.
-  const bool is_late = part.gate.figure == Figure::late && part.gate.times == statistics::Times::round_trip;
   // The upper bound: too few messages must not prove a goal.
-  const auto of = is_late ? run.missed_probability : gate::probability_beyond(part.gate, run).at_most;
+  const auto of = gate::probability_beyond(part.gate, run).at_most;
   return {static_cast<double>(of.events), static_cast<double>(of.messages), std::max(of.effect, 1.0)};
 }
 
