@@ -255,9 +255,10 @@ TEST_F(ScenarioFile, MeaninglessQuantitiesAreRefused) {
                           "link: {cut: 5 s}",
                           "link: {cut: 5 s for 0 s}",
                           "link: {cut: 5 s for 1 us}",
-                          "link: {cut: 10 s for 1 s}"})
+                          "link: {cut: 10 s for 1 s}",
+                          "period: 10001 ms"})
     EXPECT_THAT(error(with(key)), testing::StartsWith(":1:")) << key;
-  for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 65475 B", "payload: 0 B",
+  for (const auto* key : {"duration: 1000 h", "period: 10 s", "payload: 65475 B", "payload: 0 B",
                           "domain: 232", "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
     EXPECT_EQ(error(with(key)), "no error") << key;
 }

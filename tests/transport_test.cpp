@@ -371,6 +371,26 @@ TEST_F(Udp, RefusesWhatItHasNot) {
   EXPECT_THROW(open(Role::server, keep), WrongInput);
 }
 
+TEST_F(Udp, AnotherProgramOnThePortIsNoSilentHost) {
+  const int other = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in at{};
+  at.sin_family = AF_INET;
+  at.sin_port = htons(static_cast<std::uint16_t>(7900 + config.domain));
+  inet_pton(AF_INET, "127.0.0.1", &at.sin_addr);
+  ASSERT_EQ(bind(other, reinterpret_cast<sockaddr*>(&at), sizeof at), 0);
+  KeepTimed keep;
+  const auto client = open(Role::client, keep);
+  EXPECT_THAT(client->seen(), HasSubstr("no reply"));
+  client->matched();
+  std::array<char, 100> hello{};
+  socklen_t length = sizeof at;
+  ASSERT_GT(recvfrom(other, hello.data(), hello.size(), 0, reinterpret_cast<sockaddr*>(&at), &length), 0);
+  ASSERT_EQ(sendto(other, "what?", 5, 0, reinterpret_cast<sockaddr*>(&at), length), 5);
+  EXPECT_TRUE(within_a_while([&] { return client->seen().find("is no pong") != std::string::npos; }));
+  EXPECT_FALSE(client->matched().both());
+  close(other);
+}
+
 TEST_F(Udp, SaysSinceWhenItHasAPeer) {
   Echo echo;
   const auto server = open(Role::server, echo);

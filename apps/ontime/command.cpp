@@ -159,6 +159,12 @@ template <class Value>
 Option* Command::add_option(const std::string& flags, Value& value, const std::string& help,
                             const std::string& what) {
   auto* const option = app_->add_option(flags, value, help);
+  // CLI11 takes the next word, whatever it is.
+  const auto flaw = [](const std::string& word) {
+    return word == "-h" || (word.size() > 2 && word.starts_with("--")) ? "a value is missing before " + word
+                                                                       : "";
+  };
+  option->check(CLI::Validator(flaw, ""));
   return keep(what.empty() && !option->get_positional() ? option : option->type_name(what));
 }
 using Text = const std::string&;

@@ -44,9 +44,10 @@ bool is_ipv6(const std::string& address) { return address.find(':') != address.n
                              host, address));
 }
 
-// What a command prints, with its errors, and its exit code.
-std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
-  const auto command = table::shell_line(words) + " 2>&1 </dev/null";
+// What ssh prints with these arguments, with its errors, and its exit code.
+std::pair<std::string, int> said_by_ssh(const std::vector<std::string>& words) {
+  const auto command = fmt::format("command -v ssh >/dev/null || exit {}; exec ssh {} 2>&1 </dev/null",
+                                   campaign::no_ssh_here, table::shell_line(words));
   auto* const pipe = ::popen(command.c_str(), "re");
   if (pipe == nullptr) throw Error(3, "this machine cannot start another process: ssh");
   std::string said;
@@ -66,8 +67,8 @@ echo ontime-init "$1" "$3" "$(command -v ontime >/dev/null && echo yes || echo n
     END {print i, v[i]}')")sh";
 
 Place place_of(const std::string& host) {
-  const auto [said, code] = said_by({"ssh", "-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
-                                     table::shell_line({"sh", "-c", question})});
+  const auto [said, code] = said_by_ssh({"-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
+                                         table::shell_line({"sh", "-c", question})});
   const auto answer = said.find("ontime-init ");
   if (code != 0 || answer == said.npos)
     throw Error(said.find(campaign::ssh_invalid) != said.npos ? 2 : 3,

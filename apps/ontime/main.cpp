@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
   };
   add_worker("agent", "One end of one run; started by run, ping and pong", ontime::agent::serve);
   add_worker("keeper", "Settings and load of one machine; started by run and ping", ontime::keeper::serve);
-  const auto failed = [](int code, const char* message) {
+  const auto failed = [](int code, const std::string& message) {
     print_error(message);
     return code;
   };
@@ -62,8 +62,8 @@ int main(int argc, char** argv) {
     std::error_code none;
     return std::filesystem::current_path(none).empty()
                ? failed(2, "the current folder was removed. Fix: cd to another")
-               : failed(3, error.what());
+               : failed(3, ontime::orders::words_of(error));
   } catch (const std::exception& error) {
-    return failed(3, error.what());
+    return failed(3, ontime::orders::words_of(error));
   }
 }

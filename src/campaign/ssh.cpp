@@ -16,7 +16,7 @@ namespace {
 using orders::Error;
 
 // Exit codes: 126 and 127 are the shell's, 255 is ssh's, the others are ours.
-constexpr int no_ssh_here = 125, cannot_run = 126, not_found = 127, ssh_failed = 255;
+constexpr int cannot_run = 126, not_found = 127, ssh_failed = 255;
 
 // A signal to all processes of a service or a terminal is for the coordinator, which then ends its sessions
 // in order. The signals are blocked, because an ssh that shares a connection resets ignored signals. The

@@ -39,6 +39,8 @@ class Ssh {
   std::string destination_, folder_;
 };
 
+// The exit code of such a command where this machine has no ssh client.
+inline constexpr int no_ssh_here = 125;
 // What ssh says of a destination that can be none.
 inline constexpr const char* ssh_invalid = "contains invalid characters";
 // As Between::reason: from the exit code and from output that is not an event. "" if unknown.

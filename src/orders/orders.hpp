@@ -40,6 +40,9 @@ struct Unanswered : Error {
   explicit Unanswered(const std::string& message) : Error(3, message) {}
 };
 
+// What it says, for people; of a limit of threads or open files, which to raise.
+std::string words_of(const std::exception&);
+
 inline constexpr std::chrono::seconds longest_silence{10};
 inline constexpr std::chrono::seconds beat_period{3};  // seldom, for each beat is felt by what is measured
 

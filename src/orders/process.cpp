@@ -23,7 +23,7 @@ using namespace std::chrono_literals;
 constexpr int pipe_bytes = 1 << 20;
 constexpr auto patience_ahead = 60s;  // a slow link; before it a slow ssh
 
-std::string errno_text(int code) { return std::generic_category().message(code); }
+std::string errno_text(int code) { return words_of(std::system_error(code, std::generic_category())); }
 
 struct Pipe {
   process::Fd out, in;
@@ -37,6 +37,16 @@ Pipe made_pipe() {
 }
 
 }  // namespace
+
+std::string words_of(const std::exception& error) {
+  const auto* const of_system = dynamic_cast<const std::system_error*>(&error);
+  if (of_system != nullptr && of_system->code() == std::errc::resource_unavailable_try_again)
+    return "no more threads or processes can be started here. Fix: raise the limit (ulimit -u, systemd's "
+           "TasksMax, docker's --pids-limit)";
+  if (of_system != nullptr && of_system->code() == std::errc::too_many_files_open)
+    return "no more files can be opened here. Fix: ulimit -n 1024";
+  return error.what();
+}
 
 std::string this_program() {
   // Read once: once another ontime is installed there, the kernel says "… (deleted)".

@@ -133,7 +133,7 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
     } catch (const Error& error) {
       fail(error.exit, error.what());
     } catch (const std::exception& error) {
-      fail(3, error.what());
+      fail(3, words_of(error));
     }
     try {
       pipe.tell("left", {{"notes", worker ? worker->give_back() : std::vector<std::string>()}}, {});

@@ -256,6 +256,9 @@ void complete(Run& run) {
   if (client.deadline > client.timeout)
     refuse("deadline ({}) is longer than timeout ({}): no message could be late", text_of(client.deadline),
            text_of(client.timeout));
+  if (client.schedule != roundtrip::Schedule::back_to_back && client.period > client.duration)
+    refuse("period ({}) is longer than duration ({}): state a duration of many periods",
+           text_of(client.period), text_of(client.duration));
   if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
     refuse("more than 500000 messages could be in flight: use a longer period or a shorter timeout");
   for (auto& [role, thread] : run.task.realtime.threads) {

@@ -73,6 +73,13 @@ class Newcomer(unittest.TestCase):
             with self.subTest(arguments):
                 self.assertIn("option '--verison'", self.ontime(*arguments, code=2).stderr)
 
+    def test_a_forgotten_value_does_not_take_the_next_option(self):
+        for next_word in ("--realtime", "-h"):
+            with self.subTest(next_word):
+                answer = self.ontime("ping", "--transport", "udp", "--loopback", "--results", next_word, code=2)
+                self.assertIn(f"--results: a value is missing before {next_word}", answer.stderr)
+                self.assertFalse((self.folder / next_word).exists())
+
     def test_an_option_before_its_command_is_told_its_place(self):
         for place, *arguments in (("--format after ontime report", "--format", "json", "report", "x.ontime"),
                                   ("--full after ontime report", "--full", "report"),

@@ -128,6 +128,12 @@ class Udp final : public Endpoint {
 
   std::string seen() override {
     if (config_.role == Role::server) return "";
+    if (answered_wrongly_)
+      return fmt::format(
+          "{} answers, but is no pong: another program, or another version of ontime, has that port", peer_);
+    if (last_error_ == EPERM)
+      return fmt::format(
+          "{}: a packet filter of this machine forbids it. Fix: nft list ruleset shows the rule", peer_);
     if (last_error_ == ECONNREFUSED)
       return fmt::format("{} refuses: the host is up, but no pong listens on that port", peer_);
     if (last_error_ != 0) return fmt::format("{}: {}", peer_, std::generic_category().message(last_error_));
@@ -158,10 +164,13 @@ class Udp final : public Endpoint {
                  server ? reinterpret_cast<sockaddr*>(&from_) : nullptr, server ? &length : nullptr);
     const auto arrival_ns = now_ns();
     if (bytes < 0) last_error_ = errno;
-    if (bytes < static_cast<ssize_t>(sizeof(Header)) || stopping_) return;
+    if (bytes < 0 || stopping_) return;
     Header header{};
-    std::memcpy(&header, received_.data(), sizeof header);
-    if (header.magic != magic) return;
+    if (bytes >= static_cast<ssize_t>(sizeof header)) std::memcpy(&header, received_.data(), sizeof header);
+    if (header.magic != magic) {
+      answered_wrongly_ = true;
+      return;
+    }
     const auto rest =
         std::span(received_).subspan(sizeof header, static_cast<std::size_t>(bytes) - sizeof header);
     server ? serve(header, rest, arrival_ns) : take(header, rest, arrival_ns);
@@ -292,6 +301,7 @@ class Udp final : public Endpoint {
   std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its cookie; server: has served a client
   std::atomic<std::uint64_t> cookie_{0};   // the client's
   std::atomic<int> last_error_{0};
+  std::atomic<bool> answered_wrongly_{false};
   std::array<unsigned char, crypto_shorthash_KEYBYTES> key_{};  // the server's
   sockaddr_in from_{};                                          // where the server's answer goes
   std::uint64_t reply_cookie_ = 0;
