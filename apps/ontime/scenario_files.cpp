@@ -65,7 +65,8 @@ std::string meant(const std::string& name) {
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (name.ends_with(".ontime") && !is_folder(name))
-    throw wrong("{} is a results file, not a scenario (*{}). `ontime run` takes it after --results", name, suffix);
+    throw wrong("{} is a results file, not a scenario (*{}). `ontime run` takes it so: {}", name, suffix,
+                table::shell_line({"--results", name}));
   if (path.empty())
     throw wrong("{}: no such scenario, file or folder{} `ontime scenarios` lists the installed ones", name,
                 is_there(name) ? "; to run the one in this folder: " + table::shell_line({"./" + name}) + "."

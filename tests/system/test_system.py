@@ -225,7 +225,7 @@ class System(Program):
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--timeout", "99999 h"], 2, "--timeout"),
             (["run", scenario, "--transports", "udp,foo"], 2, "foo"),
             (["run", scenario, "--transports", "udp,udp"], 2, "--transports: 'udp' occurs twice"),
-            (["run", scenario, "r.ontime"], 2, "Fix: --results r.ontime"),
+            (["run", scenario, "r.ontime"], 2, "--results r.ontime"),
             (["report", newer, "quiet"], 2, "Fix: --only quiet"),
             (["explain", newer, "3"], 2, "Fix: --only 3"),
             (["search"], 2, "did you mean 'tune search'?"),
