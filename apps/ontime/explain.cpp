@@ -21,11 +21,16 @@ struct ExplainArguments {
   std::optional<std::int64_t> message;
 };
 
+orders::Error without_traces(const report::Explained& one) {
+  return wrong("run {} has no traces. Fix: measure with --explain", one.run.number);
+}
+
 const explain::Message& message_of(const report::Explained& one, std::int64_t index) {
   const auto& messages = one.account.messages;
   const auto found = std::ranges::find_if(messages, [&](const auto& message) {
     return static_cast<std::int64_t>(message.sample.index) == index;
   });
+  if (messages.empty()) throw without_traces(one);
   if (found == messages.end())
     throw wrong(
         "--message: message {} has no trace. This run has traces of its {} worst messages (--format json "
@@ -38,8 +43,7 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
                     const report::Explained& one, const explain::Pong* pong) {
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
-  if (messages.empty())
-    throw wrong("--perfetto: run {} has no traces. Fix: measure with --explain", one.run.number);
+  if (messages.empty()) throw without_traces(one);
   write_whole(arguments.perfetto, report::perfetto_of(reader, one.run, messages, pong), Kind::json);
 }
 

@@ -96,8 +96,8 @@ class Listening {
     if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw wrong("--results: --list records no messages. Fix: remove one of the two");
-    if (arguments.reader && (topics_.empty() || arguments.list))
-      throw wrong("--reader: name the topics to read, and remove --list");
+    if (arguments.reader && arguments.list) throw wrong("--reader: it lists no topics. Fix: remove --list");
+    if (arguments.reader && topics_.empty()) throw wrong("--reader: name the topics to read");
     if (!arguments.budget.empty()) {
       budget_.emplace(arguments.budget);
       if (arguments.list || !arguments.is_in_processes())

@@ -209,9 +209,14 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
                         int tolerated) {
   const auto end = Clock::now() + patience;
   const auto check = [&] {
-    if (Clock::now() > end)
-      throw Error(3, fmt::format("{}: timed out waiting for '{}' ({} s)", hand.name_, event,
-                                 std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
+    if (Clock::now() <= end) return;
+    const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(patience).count();
+    throw Error(
+        3, event == "hello"
+               ? fmt::format("{} said nothing for {} s. Its command may wait for input, such as a password "
+                             "for sudo, or may not be ontime",
+                             hand.name_, seconds)
+               : fmt::format("{}: timed out waiting for '{}' ({} s)", hand.name_, event, seconds));
   };
   return await(hand, event, check, tolerated);
 }
