@@ -23,6 +23,42 @@ TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
   EXPECT_EQ(flow.messages, 5U);
 }
 
+// The count of a writer that is recorded from its start looks like the recorder's own, until now.
+TEST_F(Bags, RepeatedMessageIsNoLossFromTheFirstNumberOn) {
+  struct Case {
+    std::vector<std::uint32_t> after_first;
+    std::uint64_t messages, lost, reordered;
+  };
+  for (const std::uint32_t first : {0U, 1U, 2U, 1000U})
+    for (const auto& [after_first, messages, lost, reordered] :
+         {Case{{0, 1, 2, 3, 4, 2, 5, 6, 7, 8}, 9, 0, 0}, Case{{0, 1, 2, 3, 4, 0, 5}, 6, 0, 0},
+          Case{{0, 1, 2, 4, 5, 1, 7}, 6, 2, 0}, Case{{0, 2, 1, 0, 3, 5}, 5, 1, 1},
+          Case{{1, 0, 2, 0, 4}, 4, 1, 1}}) {
+      auto numbers = after_first;
+      for (auto& number : numbers) number += first;
+      const auto flow = judged_mcap(mcap(numbered(numbers, true))).flows.at(0);
+      EXPECT_EQ(flow.messages, messages) << ::testing::PrintToString(numbers);
+      EXPECT_EQ(flow.lost, lost) << ::testing::PrintToString(numbers);
+      EXPECT_EQ(flow.duplicated, 1U) << ::testing::PrintToString(numbers);
+      EXPECT_EQ(flow.reordered, reordered) << ::testing::PrintToString(numbers);
+    }
+}
+
+TEST_F(Bags, RepeatedMessageOfTheFileBeforeIsNoLoss) {
+  fs::create_directory(folder_ / "drive");
+  std::uint32_t next = 0;
+  for (const auto* name : {"drive/drive_0.mcap", "drive/drive_1.mcap"}) {
+    std::vector<std::uint32_t> numbers;
+    if (next != 0) numbers.push_back(next - 2);
+    for (const auto end = next + 50; next < end; ++next) numbers.push_back(next);
+    write(name, mcap(numbered(numbers, true)));
+  }
+  const auto flow = judged((folder_ / "drive").string()).flows.at(0);
+  EXPECT_EQ(flow.messages, 100U);
+  EXPECT_EQ(flow.lost, 0U);
+  EXPECT_EQ(flow.duplicated, 1U);
+}
+
 // As an older rosbag2 did, from 0 in each file.
 TEST_F(Bags, NumbersThatTheRecorderCountedTellNothing) {
   fs::create_directory(folder_ / "drive");

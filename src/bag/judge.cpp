@@ -58,6 +58,7 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
   stream.writer = party_of(topic.writer);
   stream.reader = {0, "recorder"};
   stream.age_unknown = stream.stamp_ahead = 0;
+  stream.written_ns.resize(window);
   return &stream;
 }
 
@@ -166,18 +167,35 @@ bool Judge::is_of_file(const Stream& stream, std::uint64_t number) {
   return file_.rises && file_.has_several;
 }
 
-// Follows the writer's numbers, if the bag has them. A recorder may count itself instead, from 0 or 1 in each
-// file: such numbers tell nothing until one is missing.
+// A recorder may count itself instead, from 0 or 1 in each file: such numbers tell nothing until one is
+// missing. Then all that were seen since the count began are the writer's.
+bool Judge::may_be_counted(Stream& stream, std::uint64_t number, std::uint64_t before, std::uint64_t index,
+                           bool is_of_file) {
+  const bool begins = index == 0 && number <= 1, goes_on = index > 0 && number == before + 1;
+  if (is_of_file || begins || (goes_on && number <= index + 1)) {
+    if (!goes_on) stream.counts_from = number;
+    return true;
+  }
+  if (before != 0 || stream.has_zero)
+    for (auto seen = std::max(stream.counts_from, before - std::min(before, window - 1)); seen <= before;
+         ++seen)
+      stream.sequence.see(seen);
+  return false;
+}
+
+// Follows the writer's numbers, if the bag has them. 0 stands for none, unless the topic begins with it.
 bool Judge::is_again(Stream& stream, const Message& message) {
   auto& sequence = stream.sequence;
   const std::uint64_t number = message.sequence, index = stream.in_file++;
-  const auto before = std::exchange(stream.number_before, number);
   const bool is_of_file = this->is_of_file(stream, number);
-  if (number == 0 || stream.is_mixed) return false;
-  if (!sequence.has_begun()) {
-    if (is_of_file || (number <= index + 1 && (index == 0 || number == before + 1))) return false;
-    if (before != 0) sequence.see(before);
-    stream.written_ns.resize(window);
+  if (index == 1 && (number == 0) != (stream.number_before == 0))
+    stream.has_zero = stream.has_zero || std::max(number, stream.number_before) <= longest_loss;
+  const bool may_be_number = number != 0 || stream.has_zero || (index == 0 && !sequence.has_begun());
+  if (stream.is_mixed || !may_be_number) return false;
+  const auto before = std::exchange(stream.number_before, number);
+  if (!sequence.has_begun() && may_be_counted(stream, number, before, index, is_of_file)) {
+    stream.written_ns[number % window] = written_of(message);
+    return false;
   }
   const auto next = sequence.next();
   const auto written_ns = written_of(message);
@@ -338,7 +356,7 @@ bool Judge::judge_age(Stream& stream, const Message& message) {
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
   const std::uint64_t number =
-      message.sequence != 0 && !stream.is_mixed ? message.sequence : stream.age->count();
+      (message.sequence != 0 || stream.has_zero) && !stream.is_mixed ? message.sequence : stream.age->count();
   const auto before = std::exchange(stream.row_number, number);
   // Numbers that start again, as a recorder's own do in each file, belong to other messages.
   const bool begins_again = number <= before && !stream.sequence.has_begun();

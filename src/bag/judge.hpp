@@ -52,7 +52,9 @@ class Judge {
     std::uint64_t since_back = 0;           // messages since its times went back
     std::int64_t latest_written_ns = 0;     // by stamp or publish time
     std::uint64_t in_file = 0;              // messages, of the file that is read
-    std::uint64_t number_before = 0;        // of the message before; 0: not noted
+    std::uint64_t number_before = 0;        // of the message before that has one
+    std::uint64_t counts_from = 0;          // from this number on, the numbers until now have no hole
+    bool has_zero = false;                  // the writer numbers from 0: 0 is a number
     listen::Sequence sequence;              // begun once the numbers are known to be the writer's
     std::vector<std::int64_t> written_ns;   // of the latest numbers, by number modulo window; 0: unknown
     Back back;
@@ -82,6 +84,8 @@ class Judge {
   void end_doubt();
   std::optional<std::int64_t> latest_of_others(const Stream*) const;
   bool is_of_file(const Stream&, std::uint64_t number);
+  static bool may_be_counted(Stream&, std::uint64_t number, std::uint64_t before, std::uint64_t index,
+                             bool is_of_file);
   bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   void judge_period(Stream&, const Message&, bool was_old);
