@@ -72,6 +72,16 @@ TEST_F(Export, HasEveryTimeOfEveryMessageToTheNanosecond) {
     EXPECT_EQ(lost.at(column), "") << column;
 }
 
+TEST_F(Export, TimesCountFromTheFirstMessageWithItsSampleOrWithout) {
+  add(asked("a", "udp"), {sample(3, Fate::on_time)});
+  const auto reader = writer_.reader();
+  auto runs = reader.runs();
+  runs.at(0).start_ns = 1'000'000'000;
+  std::string csv;
+  export_samples(reader, runs, SampleFormat::csv, [&](std::string_view piece) { csv += piece; });
+  EXPECT_EQ(row_by_name(csv, 0).at("intended_ns"), "30000000");
+}
+
 TEST_F(Export, SaysTheSameInBothFormats) {
   auto odd = asked("=cmd|' /C calc'!A0, \"x\"\n\x1b[31m", "udp");
   odd["schedule"] = "back-to-back";

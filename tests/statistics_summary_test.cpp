@@ -394,6 +394,22 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   EXPECT_EQ(then_lost.open_wait_ns, then_lost.response.max);
 }
 
+// The first samples may be missing: dropped, or removed from a file of bounded size.
+TEST(Summary, TimesCountFromWhenTheFirstMessageWasDueWithItsSampleOrWithout) {
+  record::Writer writer("");
+  const auto run = writer.begin_run(asked_next_free);
+  writer.append(run, std::vector{answered(9, 5000 * ms, 0, ms), answered(10, 5010 * ms, 0, 20 * ms)});
+  writer.flush();
+  const auto reader = writer.reader();
+  auto of = reader.runs().at(0);
+  EXPECT_EQ(of.start_ns, 5000 * ms);
+  of.start_ns = 4000 * ms;
+  const auto summary = summarise(reader, of);
+  EXPECT_EQ(summary.start_ns, 4000 * ms);
+  ASSERT_EQ(summary.shape.slices.size(), 11U);
+  EXPECT_EQ(summary.shape.slices.at(10).sent, 2U);
+}
+
 TEST(Summary, SaysFromWhereToWhere) {
   Sample sample{};
   sample.intended_ns = 100;

@@ -58,6 +58,23 @@ TEST_F(Following, EachLookAddsOnlyNewSamples) {
   EXPECT_EQ(follower.look().round_trip.count(), 1499U);
 }
 
+TEST_F(Following, TimesCountFromTheFirstMessageWithItsSampleOrWithout) {
+  {
+    record::Writer writer(path_);
+    const auto run = writer.begin_run(asked());
+    auto samples = usual(0, 20);
+    samples[15].received_ns += 20'000'000;
+    writer.append(run, samples);
+  }
+  record::query(path_, "DELETE FROM sample WHERE message < 10");
+  Follower follower(path_);
+  const auto progress = follower.look();
+  EXPECT_NEAR(progress.elapsed_s.value_or(0), 0.19, 1e-6);
+  ASSERT_FALSE(progress.worst.empty());
+  EXPECT_EQ(progress.worst[0].message, 15U);
+  EXPECT_NEAR(progress.worst[0].at_s, 0.15, 1e-6);
+}
+
 TEST_F(Following, LostMessageThatProvesAnsweredIsCountedOnTime) {
   record::Writer writer(path_);
   Follower follower(path_);

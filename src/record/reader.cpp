@@ -158,16 +158,19 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
   Texts text_in(*connection_);
   Ascending in_order(*connection_, "run", 1);
   // Without a beginning that is named nothing is passed over, whatever number it has.
-  Statement row(*connection_, from
-                                  ? "SELECT number, asked, outcome FROM run WHERE number >= ? ORDER BY number"
-                                  : "SELECT number, asked, outcome FROM run ORDER BY number");
+  Statement row(*connection_,
+                fmt::format("SELECT number, asked, outcome, start_ns FROM run{} ORDER BY number",
+                            from ? " WHERE number >= ?" : "")
+                    .c_str());
   if (from) row.bind(*from);
   while (row.next()) {
     const auto number = in_order(row.integer(0));
     auto asked = parsed(*connection_, number, text_in(row, 1));
     auto outcome = parsed(*connection_, number, text_in(row, 2));
     auto key = key_of(asked);  // not the column: format 1 has none, and this one is right
-    runs.push_back({number, std::move(asked), std::move(outcome), std::move(key)});
+    auto start_ns = row.optional_integer(3);
+    if (!can_be(start_ns.value_or(0))) start_ns.reset();
+    runs.push_back({number, std::move(asked), std::move(outcome), std::move(key), start_ns});
   }
   return runs;
 }

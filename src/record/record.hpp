@@ -39,6 +39,9 @@ struct Run {
   // Hash of what was requested, without repetition, title, versions, command line …: the same conditions have
   // the same key, in every file and on every machine.
   std::string key;
+  // When its first message was due: the client's clock, as of the samples, which may begin later. Nothing: no
+  // message was sent.
+  std::optional<std::int64_t> start_ns{};
 };
 
 // The input of the key, in one form for all versions.

@@ -120,7 +120,7 @@ void export_samples(const record::Reader& reader, const std::vector<record::Run>
   if (format == SampleFormat::csv) fmt::format_to(std::back_inserter(out), "{}\n", sample_columns);
   for (const auto& run : runs) {
     Line line(format, run);
-    std::optional<std::int64_t> start_ns;
+    auto start_ns = run.start_ns;
     reader.each_sample(run.number, [&](const Sample& sample) {
       if (!start_ns) start_ns = sample.intended_ns;
       line.add(out, sample, *start_ns);

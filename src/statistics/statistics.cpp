@@ -286,7 +286,7 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   const auto account = [&](const std::vector<Sample>& block) {
     for (const auto& sample : block) {
       if (!pass) {
-        summary.start_ns = sample.intended_ns;
+        summary.start_ns = run.start_ns.value_or(sample.intended_ns);
         pass.emplace(summary, summary.start_ns);
       }
       pass->message(sample);
@@ -306,7 +306,7 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   if (at_work.valid()) at_work.get();
   account(block);
   if (!pass) {
-    summary.start_ns = run.outcome.counters.trailing_due_ns;
+    summary.start_ns = run.start_ns.value_or(run.outcome.counters.trailing_due_ns);
     pass.emplace(summary, summary.start_ns);
   }
   std::move(*pass).finish();

@@ -196,7 +196,7 @@ void Follower::look_once() {
   std::deque<Sample> unsettled;
   if (progress_.run.number > 0)
     reader.each_sample(progress_.run.number, settled_.next_message, [&](const Sample& sample) {
-      if (!start_ns_) start_ns_ = sample.intended_ns;
+      if (!start_ns_) start_ns_ = progress_.run.start_ns.value_or(sample.intended_ns);
       unsettled.push_back(sample);
       for (; unsettled.front().intended_ns <
              sample.intended_ns - (keeps_worst ? may_be_kept_ns : may_change_ns);
