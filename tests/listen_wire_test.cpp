@@ -210,6 +210,20 @@ TEST_F(OnTheWire, AgeIsKnownOnOneHost) {
   EXPECT_NEAR(static_cast<double>(flow().age->max_ns()), 250e6, 1e6);
 }
 
+TEST_F(OnTheWire, StampsLaterThanTheCaptureAreCounted) {
+  arrive(Rtps().stamp(1000, 0).data(1), "10.0.0.1:7411", true);
+  EXPECT_EQ(flow().stamp_ahead, 0U);
+  const auto is_told = testing::Contains(testing::HasSubstr("clock is ahead"));
+  EXPECT_THAT(wire.findings().remarks, testing::Not(is_told));
+  for (unsigned number = 2; number <= 4; ++number)
+    arrive(Rtps().stamp(1005, 0).data(number), "10.0.0.1:7411", true);
+  EXPECT_EQ(flow().stamp_ahead, 3U);
+  EXPECT_EQ(flow().age->count(), 4U);
+  EXPECT_THAT(wire.findings().remarks, is_told);
+  arrive(Rtps().stamp(1000, 0).data(5));
+  EXPECT_EQ(flow().stamp_ahead, 3U);
+}
+
 TEST_F(OnTheWire, MessagesWithoutAStampAmongStampedOnesAreCounted) {
   for (unsigned number = 1; number <= 3; ++number)
     arrive(number == 2 ? Rtps().data(number) : Rtps().stamp(1000, 0).data(number), "10.0.0.1:7411", true);

@@ -74,6 +74,7 @@ TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
   flow.topic = "/scan";
   flow.reader = {0, "recorder"};
   flow.messages = 3;
+  flow.age_from = listen::AgeFrom::stamp;
   flow.age_unknown = 0;
   flow.stamp_ahead = 2;
   flow.age.emplace();
@@ -82,6 +83,8 @@ TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
   EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late 0 of 1  stamp ahead 2  lost unknown"));
   EXPECT_THAT(open_age_of(flow), testing::StartsWith("2 of 3 stamps of /scan are later than the recording"));
   EXPECT_EQ(json_of(flow).at("stamp_ahead"), 2);
+  flow.age_from = listen::AgeFrom::writer;  // of packets
+  EXPECT_THAT(open_age_of(flow), testing::StartsWith("2 of 3 stamps of /scan are later than the capture"));
   flow.stamp_ahead = 3;
   EXPECT_THAT(text_of(flow, age), testing::HasSubstr("    late unknown  stamp ahead 3  lost unknown"));
   flow.age_unknown = 1;

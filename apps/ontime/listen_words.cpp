@@ -120,9 +120,10 @@ std::string open_age_of(const listen::Flow& flow) {
                        grouped(flow.messages), topic_of(flow.topic));
   if (const auto ahead = flow.stamp_ahead.value_or(0); ahead > 0)
     text += fmt::format(
-        "{}{} of {} stamps of {} are later than the recording, and these ages count as 0: the writer's clock "
-        "is ahead. Fix: synchronize the clocks (PTP, chrony)",
-        text.empty() ? "" : "; ", grouped(ahead), grouped(flow.messages), topic_of(flow.topic));
+        "{}{} of {} stamps of {} are later than the {}, and these ages count as 0: the writer's clock is "
+        "ahead. Fix: synchronize the clocks (PTP, chrony)",
+        text.empty() ? "" : "; ", grouped(ahead), grouped(flow.messages), topic_of(flow.topic),
+        flow.age_from == listen::AgeFrom::writer ? "capture" : "recording");
   return text;
 }
 

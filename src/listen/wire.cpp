@@ -23,6 +23,9 @@ constexpr std::int64_t soonest_restart_ns = 100'000'000;
 // A stamp further from its arrival is by another clock, such as simulated time, or not set.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
+// Captures may have whole microseconds: so much earlier a packet of now may seem.
+constexpr std::int64_t coarsest_ns = 1000;
+
 }  // namespace
 
 void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
@@ -241,9 +244,11 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     add_period(stream.period, keep_row_, stream.id, stream.last_ns, at_ns, is_late);
     if (is_late) miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
   }
+  std::uint64_t ahead = 0;
   const bool has_age = stream.is_one_host && data.stamp_ns && std::abs(at_ns - *data.stamp_ns) <= one_year_ns;
   if (has_age) {
     const auto age = at_ns - *data.stamp_ns;
+    ahead += age <= -coarsest_ns ? 1 : 0;
     if (!stream.age) stream.age.emplace();
     stream.age->add(age);
     const bool is_too_old = limits_.is_too_old(age);
@@ -267,7 +272,9 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     });
   }
   stream.late += is_late ? 1 : 0;
-  if (stream.is_one_host) stream.age_unknown = stream.age_unknown.value_or(0) + (has_age ? 0 : 1);
+  if (!stream.is_one_host) return;
+  stream.age_unknown = stream.age_unknown.value_or(0) + (has_age ? 0 : 1);
+  stream.stamp_ahead = stream.stamp_ahead.value_or(0) + ahead;
 }
 
 // A lost message has no stamp: its writer is taken to have published evenly. Of a large hole only the latest
@@ -317,6 +324,7 @@ Findings Wire::findings() const {
   Findings findings;
   findings.misses_left_out = misses_.left_out();
   std::size_t never_whole = 0;
+  std::uint64_t ahead = 0;
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) {
       // The latest may be under way, and the capture may have begun amid the first.
@@ -332,6 +340,7 @@ Findings Wire::findings() const {
     flow.topic = topic_of(guid);
     flow.reader = {0, *destinations.begin() + (count > 1 ? fmt::format(" and {} more", count - 1) : "")};
     flow.lost = stream.sequence.lost() - (is_under_way(stream) ? 1 : 0);
+    ahead += flow.stamp_ahead.value_or(0);
     findings.flows.push_back(std::move(flow));
   }
   std::ranges::sort(findings.flows, {},
@@ -339,6 +348,11 @@ Findings Wire::findings() const {
   if (cut_ > 0)
     findings.add_incomplete(fmt::format(
         "{} datagrams were captured only in part: losses and periods across them are not counted", cut_));
+  if (ahead > 0)
+    findings.remarks.push_back(
+        fmt::format("messages with a stamp later than their capture: {}. The writer's clock is ahead of the "
+                    "capture's; age counted as 0",
+                    ahead));
   if (never_whole > 0)
     findings.remarks.push_back(fmt::format(
         "writers of which no message was complete: {}. Each message lacked fragments", never_whole));
