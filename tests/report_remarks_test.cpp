@@ -76,6 +76,10 @@ TEST(Remarks, CpusThatOtherProgramsKeepBusyAreToldWhereNoLoadWasRequested) {
     return render({summary(requested, of_run)}, Format::markdown);
   };
   EXPECT_THAT(text(quiet), HasSubstr("CPUs were 97 % busy"));
+  for (const auto* host : {"controller", "component"}) of_run["conditions"][host]["cpu_stolen"] = 0.9;
+  EXPECT_THAT(text(quiet), Not(HasSubstr("% busy"))) << "the hypervisor was, which is told apart";
+  for (const auto* host : {"controller", "component"}) of_run["conditions"][host]["cpu_stolen"] = 0.01;
+  EXPECT_THAT(text(quiet), HasSubstr("CPUs were 96 % busy"));
   EXPECT_THAT(text(asked("a", "udp")), Not(HasSubstr("% busy")));
   auto polling = quiet;
   polling["options"]["busy-poll"] = "on";

@@ -51,11 +51,11 @@ bool is_one_machine(const statistics::Summary& summary) {
 // A share of each machine's CPUs, from `least` on. `words` has "{}" for it; `whose`: "controller's ", or ""
 // of one machine.
 void add_of_cpus(std::vector<Remark>& remarks, const statistics::Summary& summary,
-                 std::optional<double> record::Activity::*share, double least,
+                 double (*share)(const record::Activity&), double least,
                  std::string (*words)(const std::string& whose)) {
   const bool one_machine = is_one_machine(summary);
   for (const auto* host : record::both_hosts) {
-    const auto seen = (find(summary.run.outcome.conditions, host).*share).value_or(0);
+    const auto seen = share(find(summary.run.outcome.conditions, host));
     if (seen < least) continue;
     remarks.push_back(
         {Weight::caution, words(one_machine ? "" : fmt::format("{}'s ", host)), seen, percent_text});
@@ -66,7 +66,8 @@ void add_of_cpus(std::vector<Remark>& remarks, const statistics::Summary& summar
 // Delays outside the network and the server: stolen CPU time, and the sender's own wake-up latency.
 constexpr double much_stolen = 0.001;
 void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& summary) {
-  add_of_cpus(remarks, summary, &record::Activity::cpu_stolen, much_stolen, [](const std::string& whose) {
+  const auto stolen = [](const record::Activity& seen) { return seen.cpu_stolen.value_or(0); };
+  add_of_cpus(remarks, summary, stolen, much_stolen, [](const std::string& whose) {
     return fmt::format("the hypervisor took {{}} of {}CPU time (steal)", whose.empty() ? "" : "the " + whose);
   });
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
@@ -107,7 +108,11 @@ void add_other_load(std::vector<Remark>& remarks, const statistics::Summary& sum
       asked.task.client.schedule == roundtrip::Schedule::back_to_back || polls(asked.task.config.options) ||
       polls(asked.component_options))
     return;
-  add_of_cpus(remarks, summary, &record::Activity::cpu_busy, all_busy, [](const std::string& whose) {
+  // What a hypervisor took is told apart.
+  const auto busy = [](const record::Activity& seen) {
+    return seen.cpu_busy.value_or(0) - seen.cpu_stolen.value_or(0);
+  };
+  add_of_cpus(remarks, summary, busy, all_busy, [](const std::string& whose) {
     return fmt::format("the {}CPUs were {{}} busy, though this run requested no load", whose);
   });
 }
