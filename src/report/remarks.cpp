@@ -164,10 +164,13 @@ struct Throttle {
   double least_ns = 0;
 };
 std::optional<Throttle> throttle_of(const record::Machine& machine) {
-  // RT throttling became the fair server: 50 ms of each second for ordinary threads.
-  if (realtime::is_kernel_since(6, 12, machine.kernel_release)) return Throttle{"fair server", 50e6};
   const auto runtime_us = machine.rt_runtime_us.value_or(-1), period_us = machine.rt_period_us.value_or(-1);
-  if (runtime_us < 0 || period_us <= runtime_us) return std::nullopt;
+  const bool has_budget = runtime_us >= 0 && period_us > runtime_us;
+  // RT throttling became the fair server: 50 ms of each second for ordinary threads. Kernels with
+  // CONFIG_RT_GROUP_SCHED, of which the record knows nothing, have both.
+  if (realtime::is_kernel_since(6, 12, machine.kernel_release))
+    return Throttle{has_budget ? "fair server or RT throttling" : "fair server", 50e6};
+  if (!has_budget) return std::nullopt;
   return Throttle{fmt::format("RT throttling (kernel.sched_rt_runtime_us is {})", runtime_us),
                   static_cast<double>(period_us - runtime_us) * 1e3};
 }
