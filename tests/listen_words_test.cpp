@@ -92,6 +92,11 @@ TEST(ListenWords, AgesFromAClockThatIsAheadAreNotOnTime) {
               testing::StartsWith("the age of 1 of 3 messages of /scan is unknown; 3 of 3"));
 }
 
+TEST(ListenWords, ShareOfTheTimeIsWholeOnlyIfNothingWasLeftOut) {
+  EXPECT_THAT(pauses_of(0.9998, 1), testing::StartsWith("listened 99.98 % of the time, with 1 pause;"));
+  EXPECT_THAT(pauses_of(0.75, 20), testing::StartsWith("listened 75 % of the time, with 20 pauses;"));
+}
+
 TEST(ListenWords, FirstMessageHasNoPeriodAndIsNotJudgedByOne) {
   using namespace std::chrono_literals;
   listen::Flow flow;

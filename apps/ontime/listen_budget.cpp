@@ -9,7 +9,6 @@
 #include "flags.hpp"
 #include "listen_cost.hpp"
 #include "listen_words.hpp"
-#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -82,8 +81,7 @@ std::string ListenBudget::text() const {
 
 std::string ListenBudget::of_pauses() const {
   if (!budget_ || budget_->pauses() == 0) return "";
-  return fmt::format("listened {:.0f} % of the time, with {}; losses during pauses are unknown",
-                     100 * budget_->listened_share(now()), table::many(budget_->pauses(), "pause", "pauses"));
+  return pauses_of(budget_->listened_share(now()), budget_->pauses());
 }
 
 nlohmann::ordered_json ListenBudget::json() const {

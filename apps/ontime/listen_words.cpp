@@ -139,6 +139,11 @@ std::string time_of_silence(std::int64_t ns) {
   return ns < 999'500'000 ? in_rounded_ms(ns) + " ms"
                           : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
 }
+std::string pauses_of(double listened_share, std::uint64_t pauses) {
+  return fmt::format("listened {} % of the time, with {}; losses during pauses are unknown",
+                     table::percent(listened_share, 2), table::many(pauses, "pause", "pauses"));
+}
+
 
 std::string silence_of(const listen::Flow& flow) {
   return fmt::format("for {}{}{}", flow.was_replaced ? "" : "the last ", time_of_silence(flow.silent_ns),

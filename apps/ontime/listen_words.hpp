@@ -26,7 +26,8 @@ std::string way_of(const listen::Flow&);                          // "/scan  lid
 std::string time_of_silence(std::int64_t ns);                     // "2.0 s", "40.0 ms"
 std::string silence_of(const listen::Flow&);                      // "for the last 2.0 s"
 bool is_age_known(const listen::Flow&);
-std::string open_age_of(const listen::Flow&);      // why a limit of its age is open; "": it is not
+std::string open_age_of(const listen::Flow&);  // why a limit of its age is open; "": it is not
+std::string pauses_of(double listened_share, std::uint64_t pauses);
 std::string unseen_of(std::uint64_t sensor_lost);  // of all topics, and what to do
 std::string text_of(const listen::Flow&, const listen::Limits&);
 std::string text_of(const listen::Miss&, std::size_t width);
