@@ -240,6 +240,8 @@ TEST_F(Machine, IsReal) {
   EXPECT_EQ(severity("virtual-machine", "/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc hypervisor"),
             Severity::hint);
   EXPECT_EQ(severity("stolen-time", "/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1 0 0"), Severity::fine);
+  file("/proc/stat", "cpu  100000 0 100000 6800000 0 0 0 1 0 0");
+  EXPECT_THAT(one("stolen-time").is, HasSubstr("0.000014 %"));
   file("/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1000 0 0");
   EXPECT_THAT(one("stolen-time").is, HasSubstr("9.1 %"));
   EXPECT_EQ(severity("stolen-time"), Severity::wrong);

@@ -140,7 +140,7 @@ Findings stolen_time(const Look& look) {
   if (since_start.stolen_ticks == 0) return {};
   const auto share =
       static_cast<double>(since_start.stolen_ticks) / static_cast<double>(since_start.total_ticks);
-  const auto is = fmt::format("{:.2g} % of the time since boot", share * 100);
+  const auto is = table::percent(share, 2) + " % of the time since boot";
   if (share < much) return {fine(is)};
   return {{Severity::wrong, is, "none",
            "for that time this machine's CPUs had work, but the host ran other machines on them",
