@@ -39,10 +39,11 @@ class ClockSteps {
   }
   void remark(std::vector<std::string>& remarks, const char* unknown) const {
     if (count_ == 0) return;
+    const auto by_s = std::abs(static_cast<double>(last_ns_)) / 1e9;
     remarks.push_back(fmt::format(
-        "the clock was set, or the machine slept, {} times, the last time by {:.3f} s. {} across these times "
-        "are unknown",
-        count_, static_cast<double>(last_ns_) / 1e9, unknown));
+        "the clock was set, or the machine slept, {} {:.{}f} s {}. {} across {} are unknown",
+        count_ == 1 ? "once," : fmt::format("{} times, the last time", count_), by_s, by_s < 1 ? 3 : 1,
+        last_ns_ < 0 ? "back" : "forward", unknown, count_ == 1 ? "this time" : "these times"));
   }
 
  private:
