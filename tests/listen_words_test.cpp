@@ -97,6 +97,17 @@ TEST(ListenWords, ShareOfTheTimeIsWholeOnlyIfNothingWasLeftOut) {
   EXPECT_THAT(pauses_of(0.75, 20), testing::StartsWith("listened 75 % of the time, with 20 pauses;"));
 }
 
+TEST(ListenWords, DayIsToldWhereItChanges) {
+  constexpr std::int64_t day_ns = std::int64_t{24 * 3600} * 1'000'000'000;
+  const auto first_ns = 20'000 * day_ns, next_ns = first_ns + 2 * day_ns;
+  std::string day;
+  EXPECT_EQ(change_of_day(first_ns, day), "");
+  EXPECT_EQ(change_of_day(first_ns + 1, day), "");
+  EXPECT_EQ(change_of_day(next_ns, day),
+            fmt::format("until here {}, from here on {}\n", day_of(first_ns), day_of(next_ns)));
+  EXPECT_EQ(change_of_day(next_ns, day), "");
+}
+
 TEST(ListenWords, FirstMessageHasNoPeriodAndIsNotJudgedByOne) {
   using namespace std::chrono_literals;
   listen::Flow flow;

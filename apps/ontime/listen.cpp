@@ -306,15 +306,19 @@ class Listening {
       const auto why = miss.why.value_or(listen::Why{});
       if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process})
               .second) {
-        output_.write(text_of(miss, width_));
+        output_.write(change_of_day(miss.at_ns, day_) + text_of(miss, width_));
         printed.add(miss);
       }
     }
-    if (all.count() > printed.count())
-      output_.write(
-          fmt::format("… and {} until {}\n",
-                      table::many(all.count() - printed.count(), "more late message", "more late messages"),
-                      clock_of(std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns)));
+    if (all.count() > printed.count()) {
+      const auto last_ns = std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns;
+      const auto before = std::exchange(day_, day_of(last_ns));
+      const bool is_another_day = !before.empty() && before != day_;
+      output_.write(fmt::format(
+          "… and {}{} until {}{}\n",
+          table::many(all.count() - printed.count(), "more late message", "more late messages"),
+          is_another_day ? " from " + before : "", is_another_day ? day_ + " " : "", clock_of(last_ns)));
+    }
     output_.flush();
   }
 
@@ -396,6 +400,7 @@ class Listening {
   Output output_;
   std::exception_ptr output_failed_;
   const std::size_t width_;  // of its lines
+  std::string day_;          // of the last late message that was told
   ListenCost cost_;
   watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;

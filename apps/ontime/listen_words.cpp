@@ -2,6 +2,7 @@
 #include "listen_words.hpp"
 
 #include <type_traits>
+#include <utility>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -91,6 +92,17 @@ std::string clock_of(std::int64_t at_ns) {
                      floor<milliseconds>(at - second).count());
 }
 
+std::string day_of(std::int64_t at_ns) {
+  using namespace std::chrono;
+  const system_clock::time_point at{nanoseconds(at_ns)};
+  return fmt::format("{:%F}", fmt::localtime(system_clock::to_time_t(floor<seconds>(at))));
+}
+
+std::string change_of_day(std::int64_t at_ns, std::string& day) {
+  const auto before = std::exchange(day, day_of(at_ns));
+  return before.empty() || before == day ? "" : fmt::format("until here {}, from here on {}\n", before, day);
+}
+
 std::string words_of(const listen::Party& party, const char* unknown) {
   if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
   return party.name.empty() ? unknown : table::printable(party.name);
@@ -127,6 +139,11 @@ std::string open_age_of(const listen::Flow& flow) {
   return text;
 }
 
+std::string pauses_of(double listened_share, std::uint64_t pauses) {
+  return fmt::format("listened {} % of the time, with {}; losses during pauses are unknown",
+                     table::percent(listened_share, 2), table::many(pauses, "pause", "pauses"));
+}
+
 std::string unseen_of(std::uint64_t sensor_lost) {
   return fmt::format(
       "{} not seen: ontime's buffer was full, or, without --packets, a node took more than 64 messages at "
@@ -139,11 +156,6 @@ std::string time_of_silence(std::int64_t ns) {
   return ns < 999'500'000 ? in_rounded_ms(ns) + " ms"
                           : fmt::format("{:.1f} s", static_cast<double>(ns) / 1e9);
 }
-std::string pauses_of(double listened_share, std::uint64_t pauses) {
-  return fmt::format("listened {} % of the time, with {}; losses during pauses are unknown",
-                     table::percent(listened_share, 2), table::many(pauses, "pause", "pauses"));
-}
-
 
 std::string silence_of(const listen::Flow& flow) {
   return fmt::format("for {}{}{}", flow.was_replaced ? "" : "the last ", time_of_silence(flow.silent_ns),

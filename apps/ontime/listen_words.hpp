@@ -19,7 +19,11 @@ std::string labelled(const std::string& label, const std::string& text);
 std::string in_ms(std::int64_t ns);  // "0.123", "12.34", "123.4"
 // Of a quantile, without digits that a Distribution does not have: "0.123", "1.23", "12.3", "123".
 std::string in_rounded_ms(std::int64_t ns);
-std::string clock_of(std::int64_t at_ns);                         // "12:13:36.750"
+std::string clock_of(std::int64_t at_ns);  // "12:13:36.750"
+std::string day_of(std::int64_t at_ns);    // "2026-07-23"
+// A line to go before what is told of this time, if it is of another day than before; keeps the day in `day`,
+// which is empty at first.
+std::string change_of_day(std::int64_t at_ns, std::string& day);
 std::string words_of(const listen::Party&, const char* unknown);  // "slam [9]"
 std::string topic_of(const std::string& topic);                   // "(unknown topic)" where it has no name
 std::string way_of(const listen::Flow&);                          // "/scan  lidar [7] → slam [9]  40.0 Hz"
