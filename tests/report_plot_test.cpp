@@ -30,6 +30,37 @@ TEST(Gnuplot, is_given_texts_that_end_nowhere_and_no_extreme_is_missing) {
   EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("0.005 27.6543\n"));
 }
 
+Summary plotted(const std::string& id, const std::string& transport, std::uint64_t repetition = 1) {
+  auto request = asked(id, transport);
+  request["repetition"] = repetition;
+  auto run = summary(request, outcome(), 2000);
+  run.shape.slice_ns = 10 * ms;
+  run.shape.slices = {{.sent = 2000, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = 9 * ms}};
+  run.shape.round_trip = {{100'000, 104'427, 1990}, {8'000'000, 8'354'210, 10}};
+  run.round_trip = statistics::distribution({100'000, 8 * ms});
+  return run;
+}
+
+// gnuplot reads `''` at the beginning of a string as an empty one.
+TEST(Gnuplot, ATextIsOneStringWhereverItHasItsQuotes) {
+  auto run = plotted("'quoted' id''", "udp");
+  amend(run.run.asked, "/title", "'' '@macro `touch x` \"$(touch x)\" \\");
+  for (const auto figure :
+       {Plot::Figure::time, Plot::Figure::ccdf, Plot::Figure::conditions, Plot::Figure::payload}) {
+    std::string texts;
+    for (const auto& line : lines_of(gnuplot_of({run}, {figure, Plot::Form::svg, false}))) {
+      if (!line.starts_with("set label ")) continue;
+      EXPECT_THAT(
+          line, ::testing::MatchesRegex("set label '[^']*'([.]\"[\\]047\"[.]'[^']*')* at screen [^\"`@\\]*"));
+      texts += table::replace_all(line, "'.\"\\047\".'", "’");
+    }
+    EXPECT_THAT(texts, HasSubstr("set label '’quoted’ id’’ udp"));
+    if (figure != Plot::Figure::payload) {
+      EXPECT_THAT(texts, HasSubstr("’’ ’@macro `touch x`"));
+    }
+  }
+}
+
 TEST(Gnuplot, draws_how_long_cycles_waited_that_passed_without_a_message) {
   auto run = summary(asked("a", "udp"), outcome());
   run.skipped_cycles = 300;
@@ -80,17 +111,6 @@ TEST(Gnuplot, draws_a_run_of_which_nothing_came_back) {
   other.shape.round_trip = {{100'000, 106'250, 2000}};
   const auto commands = gnuplot_of({other, lost}, {Plot::Figure::ccdf, Plot::Form::svg, false});
   EXPECT_EQ(found_in(commands, "\\$run1 << END\n([0-9.e-]+ 1\n[0-9.e-]+ 1\n)END").size(), 1u) << commands;
-}
-
-Summary plotted(const std::string& id, const std::string& transport, std::uint64_t repetition = 1) {
-  auto request = asked(id, transport);
-  request["repetition"] = repetition;
-  auto run = summary(request, outcome(), 2000);
-  run.shape.slice_ns = 10 * ms;
-  run.shape.slices = {{.sent = 2000, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = 9 * ms}};
-  run.shape.round_trip = {{100'000, 104'427, 1990}, {8'000'000, 8'354'210, 10}};
-  run.round_trip = statistics::distribution({100'000, 8 * ms});
-  return run;
 }
 
 TEST(Gnuplot, LostMessagesStandAboveAllThatWasAnswered) {

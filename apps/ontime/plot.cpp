@@ -117,8 +117,10 @@ std::string drawn(const std::string& commands) {
   const bool failed = process::wait_for(gnuplot.pid) != 0;
   auto text = figure.text(std::numeric_limits<off_t>::max());
   if (failed || text.empty())
-    throw Error(3,
-                "gnuplot could not draw the figure; its error is above. ontime needs gnuplot 5.4 or later");
+    throw Error(
+        3,
+        "gnuplot could not draw the figure; its error is above. If `gnuplot --version` is 5.4 or later, "
+        "report it with that error: it is a fault of ontime");
   return text;
 }
 

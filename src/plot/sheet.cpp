@@ -42,8 +42,11 @@ constexpr const char* looks =
     "set encoding utf8\nset border 3 linewidth 0.7\nset tics out nomirror scale 0.5\nset grid ytics linetype "
     "1 linewidth 0.4 linecolor rgb '#dddddd'\nset key off\nset multiplot\n";
 
-// As gnuplot's commands have it: nothing in it is a command.
-std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
+// As gnuplot's commands have it: nothing in it is a command. gnuplot reads nothing within single quotes but
+// their end. A quote is a string of its own, joined by dots: doubled at the beginning it would end there.
+std::string in_quotes(const std::string& text) {
+  return "'" + replace_all(printable(text), "'", "'.\"\\047\".'") + "'";
+}
 
 double text_width_cm(const std::string& text) { return static_cast<double>(width_of(text)) * letter_cm; }
 

@@ -186,6 +186,24 @@ class Results(results.Results):
         answer = self.ontime("run", suite, "--only", "b,c", "--results", self.results, code=2)
         self.assertIn("these 2 scenarios have no run 'c'; there are: a, b", answer.stderr)
 
+    # A results file may come from elsewhere.
+    def test_texts_in_figures_are_drawn_as_they_are_and_run_nothing(self):
+        texts = ["'quoted' id", "''", "'", "it's 'bounded'", "`touch made`", '"`touch made`"', "'.`touch made`.'", '".system("touch made")."',
+                 "@made", "\\", "\\'", "'\\", "'; system 'touch made'; #", "'\nsystem 'touch made'\n", "{/*99 a} x_y^z", "%g %s", "$made", "END"]
+        (self.folder / "two.yaml").write_text("hosts: loopback\ndefaults: {transport: udp, duration: 100 ms}\n"
+                                              "runs: [{id: a, payload: [100 B, 200 B]}]\n")
+        self.ontime("run", self.folder / "two.yaml", "--results", self.results)
+        for text in texts:
+            with contextlib.closing(sqlite3.connect(self.results)) as file, file:
+                file.execute("UPDATE run SET asked = json_set(asked, '$.title', ?1, '$.id', ?1)", [text])
+            for figure in ("time", "ccdf", "conditions", "payload"):
+                with self.subTest(text, figure=figure):
+                    self.ontime("plot", self.results, "--figure", figure, "--output", "texts.svg", "--only", "1,2")
+                    drawn = "".join(xml.etree.ElementTree.parse(self.folder / "texts.svg").getroot().itertext())
+                    self.assertIn("".join(text.split()), "".join(drawn.split()))
+        self.ontime("compare", self.results, "--from", "1", "--to", "2", "--plot", "texts.svg")
+        self.assertFalse((self.folder / "made").exists())
+
     # --- what it is called ---
 
     def test_results_of_this_folder_are_called_after_it(self):
