@@ -86,7 +86,7 @@ TEST(Gnuplot, keeps_long_counts_within_the_figure) {
     const auto commands = gnuplot_of(runs, {figure, Plot::Form::svg, false});
     EXPECT_THAT(commands, HasSubstr("cycles not in time"));
     for (const auto& label : found_in(commands, "set label '([^']*)'"))
-      EXPECT_LE(static_cast<double>(width_of(label)) * plot::letter_cm, plot::Sheet::width_cm({})) << label;
+      EXPECT_LE(plot::text_width_cm(label), plot::Sheet::width_cm({})) << label;
   }
 }
 
@@ -161,9 +161,34 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
                 HasSubstr("'" + run.run.asked.id + " " + run.run.asked.task.transport + ": A system under"));
   EXPECT_EQ(found_in(commands, "('[^']*…')").size(), runs.size()) << "all of the 60 letters that a title has";
   for (const auto& label : found_in(commands, "set label '([^']*)'"))
-    EXPECT_LE(static_cast<double>(label.size()) * plot::letter_cm, 18.2 / 2) << label;
+    EXPECT_LE(plot::text_width_cm(label), 18.2 / 2) << label;
   for (const auto* key : {"from the fastest to the slowest", "median", "deadline 10 ms"})
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + key));
+}
+
+// Widths of the letters in DejaVu Sans.
+TEST(Gnuplot, LinesOfWideLettersEndWithinTheFigure) {
+  constexpr double em_cm = 7 / 72.0 * 2.54;
+  for (const auto& [word, ems] :
+       {std::pair{"WWWW MMMM", 7.73}, {"@@@@ %%%%", 8.12}, {"时间 测量 日本語", 7.64}, {"ÄÖ ÆŒ →…", 5.99}}) {
+    std::string text = word;
+    for (int i = 0; i < 6; ++i) text += std::string(" ") + word;
+    const auto lines = plot::wrapped(text, 8);
+    EXPECT_GT(lines.size(), 1u) << text;
+    for (const auto& line : lines)
+      EXPECT_LE(
+          static_cast<double>(line.size()) / static_cast<double>(std::string(word).size()) * ems * em_cm, 8.4)
+          << line;
+  }
+  EXPECT_EQ(plot::wrapped("iiiiiiiiii iiiiiiiiii iiiiiiiiii iiiiiiiiii iiiiiiiiii iiiiiiiiii", 8).size(), 1u);
+}
+
+TEST(Gnuplot, ANumberAndItsUnitStayOnOneLine) {
+  for (int letters = 10; letters < 60; ++letters) {
+    const auto lines = plot::wrapped(
+        std::string(static_cast<std::size_t>(letters), 'x') + " timeout 300 ms, 2 cpu (2 runs)", 8);
+    for (const auto& line : lines) EXPECT_FALSE(line.ends_with("300") || line.ends_with("2")) << line;
+  }
 }
 
 TEST(Gnuplot, LegendNamesALineOnlyWhereTheFigureHasOne) {

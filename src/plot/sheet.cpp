@@ -48,9 +48,54 @@ std::string in_quotes(const std::string& text) {
   return "'" + replace_all(printable(text), "'", "'.\"\\047\".'") + "'";
 }
 
-double text_width_cm(const std::string& text) { return static_cast<double>(width_of(text)) * letter_cm; }
+// With "…" where there is more.
+std::string fitting(const std::string& text, double width_cm) {
+  constexpr double narrowest_cm = 0.06;
+  auto most = std::min(width_of(text), static_cast<std::size_t>(width_cm / narrowest_cm));
+  auto shown = shortened(text, most);
+  while (text_width_cm(shown) > width_cm && most > 1) shown = shortened(text, --most);
+  return shown;
+}
+
+// "300", "(2": what follows is counted.
+bool is_number(const std::string& word) {
+  return !word.empty() && word.find_first_not_of("0123456789.,+-([") == word.npos && word.back() >= '0' &&
+         word.back() <= '9';
+}
+
+// "300 ms" is one.
+std::vector<std::string> words_of(const std::string& text) {
+  std::vector<std::string> words;
+  for (auto& word : split(printable(text), ' '))
+    if (!words.empty() && is_number(words.back()) && !word.empty() && !is_number(word))
+      words.back() += " " + word;
+    else
+      words.push_back(std::move(word));
+  return words;
+}
 
 }  // namespace
+
+double text_width_cm(const std::string& text) {
+  // In hundredths of the font's size, from the blank to '~'. Of others an upper limit of most.
+  constexpr std::array<int, 95> ascii = {
+      32, 40, 46, 84, 64, 95, 78, 28, 39,  39, 50, 84, 32, 36, 32, 34, 64, 64, 64, 64, 64, 64, 64, 64,
+      64, 64, 34, 34, 84, 84, 84, 53, 100, 68, 69, 70, 77, 63, 58, 78, 75, 30, 30, 66, 56, 86, 75, 79,
+      60, 79, 70, 64, 61, 73, 68, 99, 69,  61, 69, 39, 34, 39, 84, 50, 50, 61, 64, 55, 64, 62, 35, 64,
+      63, 28, 28, 58, 28, 97, 63, 61, 64,  64, 41, 52, 39, 63, 59, 82, 59, 59, 53, 64, 34, 64, 84};
+  constexpr int other = 84, wide = 100;  // "→"; of Chinese, for instance
+  const auto is_within = [](char byte) { return (static_cast<unsigned char>(byte) & 0xc0U) == 0x80U; };
+  int width = 0;
+  for (std::size_t i = 0, next = 0; i < text.size(); i = next) {
+    for (next = i + 1; next < text.size() && is_within(text[next]);) ++next;
+    const auto letter = text.substr(i, next - i);
+    const auto columns = width_of(letter);
+    width += letter[0] >= ' ' && letter[0] <= '~' ? ascii[static_cast<std::size_t>(letter[0] - ' ')]
+             : columns > 1                        ? wide
+                                                  : other * static_cast<int>(columns);
+  }
+  return width / 100.0 * font_pt / 72 * 2.54;
+}
 
 std::string colour(std::size_t i) {
   constexpr std::array<const char*, colours> all = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
@@ -64,17 +109,21 @@ std::string dash(std::size_t i) {
 }
 
 std::vector<std::string> wrapped(const std::string& text, double width_cm) {
-  constexpr std::size_t most_lines = 3;
-  const auto most = std::max<std::size_t>(static_cast<std::size_t>(width_cm / letter_cm), 8);
+  constexpr std::size_t most_lines = 4;
+  width_cm = std::max(width_cm, 1.0);
   std::vector<std::string> lines{""};
-  for (const auto& word : split(printable(text), ' ')) {
-    const auto shown = shortened(word, most);
-    if (!lines.back().empty() && width_of(lines.back()) + 1 + width_of(shown) > most) lines.emplace_back();
-    lines.back() += (lines.back().empty() ? "" : " ") + shown;
+  for (const auto& word : words_of(text)) {
+    const auto shown = fitting(word, width_cm), longer = lines.back() + " " + shown;
+    if (lines.back().empty())
+      lines.back() = shown;
+    else if (text_width_cm(longer) <= width_cm)
+      lines.back() = longer;
+    else
+      lines.push_back(shown);
   }
   if (lines.size() > most_lines) {
     lines.resize(most_lines);
-    lines.back() = shortened(lines.back(), most - 2) + (lines.back().size() + 2 > most ? "" : " …");
+    lines.back() = fitting(lines.back() + " …", width_cm);
   }
   return lines;
 }

@@ -11,13 +11,13 @@
 
 namespace ontime::plot {
 
-inline constexpr double line_cm = 0.34;     // of text
-inline constexpr double letter_cm = 0.126;  // on average, of a 7 pt sans-serif font as wide as DejaVu
+inline constexpr double line_cm = 0.34;    // of text
+double text_width_cm(const std::string&);  // in DejaVu Sans, which is wider than Helvetica and Arial
 std::string colour(std::size_t i);  // seven that colour-blind readers can tell apart, then from the start
 std::string dash(std::size_t i);    // four, the first one solid
 inline constexpr std::size_t colours = 7, dashes = 4;
 
-// Lines no longer than that, broken at spaces.
+// Lines no longer than that, broken at spaces; not between a number and its unit.
 std::vector<std::string> wrapped(const std::string&, double width_cm);
 
 // Of a title.
