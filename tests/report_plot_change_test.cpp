@@ -91,7 +91,7 @@ TEST(Gnuplot, ChangeOfAThousandTimesIsWithinTheAxis) {
 TEST(Gnuplot, NamesOfVeryGreatRatiosDoNotOverlap) {
   const Summaries from{measured("before", 400'000)}, to{measured("after", 200'000'000'000'000'000)};
   const auto commands = gnuplot_of(compare_chosen(from, to), {});
-  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10000' 10000, '× 1e+08' 1e+08)"));
+  EXPECT_THAT(commands, HasSubstr("set xtics ('× 1' 1, '× 10,000' 10000, '× 10⁸' 1e+08)"));
 }
 
 TEST(Gnuplot, NamesOfCloseRatiosDoNotOverlap) {
@@ -118,6 +118,9 @@ TEST(Gnuplot, ChangeOfASharesRatioHasItsInterval) {
               ::testing::ContainsRegex("lost: 10 % → 20 %, × 2 \\[1\\.[67][0-9]*, 2\\.[23][0-9]*\\]'"));
   lost(to[0], 0.99998, 0.99997, 0.99999);
   EXPECT_THAT(shown(), HasSubstr("lost: 10 % → 99.998 %,"));
+  lost(from[0], 0.00001, 0.000009, 0.000011);
+  lost(to[0], 0.3, 0.29, 0.31);
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("× 30,000 \\[2[0-9],[0-9]00, 3[0-9],[0-9]00\\]'"));
   lost(from[0], 0, 0, 0.01);
   EXPECT_THAT(shown(), HasSubstr("points")) << "without a ratio the difference";
 }

@@ -264,7 +264,7 @@ TEST(Gnuplot, CcdfFallsWhereTheMessagesAreAndNotWhereTheNextOneIs) {
 TEST(Gnuplot, AxesHaveNumbersThatCanBeRead) {
   auto run = plotted("a", "udp");
   EXPECT_THAT(gnuplot_of({run}, {Plot::Figure::payload, Plot::Form::svg, false}),
-              HasSubstr("set xtics (500)"));
+              HasSubstr("set xtics ('500' 500)"));
   run.shape.round_trip = {{100, 104, 990}, {100'000'000'000, 104'427'000'000, 10}};
   run.round_trip.min = 100;
   run.round_trip.max = 100'000'000'000;
@@ -407,14 +407,16 @@ TEST(Gnuplot, RunWithoutBackgroundTopicsIsDrawnAtTheLeftEdge) {
   const auto commands = gnuplot_of({beside(0), beside(100), beside(1000)}, plot);
   const auto at = found_in(commands, "\\$run0 << END\n([0-9.]+) [^\n]*\n\n100 [^\n]*\n1000 [^\n]*\nEND");
   ASSERT_EQ(at.size(), 1u) << "and no line leads from 'none' to a rate: " << commands;
-  EXPECT_THAT(commands, HasSubstr("set xtics ('none' " + at[0] + ", 100, 1000)"));
+  EXPECT_THAT(commands, HasSubstr("set xtics ('none' " + at[0] + ", '100' 100, '1,000' 1000)"));
   EXPECT_LT(std::stod(at[0]), 100);
   EXPECT_THAT(gnuplot_of({beside(100), beside(1000)}, plot), Not(HasSubstr("none' ")));
 
   Summaries many;
   for (const auto rate_hz : {0, 20, 50, 100, 200, 500, 1000}) many.push_back(beside(rate_hz));
-  EXPECT_TRUE(::testing::Matches(::testing::ContainsRegex("set xtics \\('none' [0-9.]+, 100, 1000\\)"))(
-      gnuplot_of(many, plot)))
+  EXPECT_THAT(
+      gnuplot_of(many, plot),
+      ::testing::ContainsRegex(
+          "set xtics \\('none' [0-9.]+, '' 20 1, '' 50 1, '100' 100, '' 200 1, '' 500 1, '1,000' 1000\\)"))
       << "no power of ten between 'none' and 20";
 }
 
@@ -445,11 +447,27 @@ TEST(Gnuplot, AgainstTheRateBackgroundTopicsThatDifferAreNotOneLine) {
   EXPECT_THAT(commands, Not(HasSubstr("Hz"))) << "that is where it stands";
 }
 
+TEST(Gnuplot, PayloadsHaveNoExponentsAndThoseWithoutRoomForANumberHaveATick) {
+  const auto tics = [](const std::vector<int>& payloads) {
+    Summaries runs;
+    for (const auto payload : payloads)
+      amend(runs.emplace_back(plotted("a", "udp")).run.asked, "/payload_bytes", payload);
+    return found_in(gnuplot_of(runs, {Plot::Figure::payload, Plot::Form::svg, false}),
+                    "set xtics \\(([^)]*)\\)")
+        .at(0);
+  };
+  EXPECT_EQ(tics({100, 4'000'000}), "'100' 100, '4,000,000' 4e+06");
+  EXPECT_EQ(tics({100, 3'900'000, 4'000'000}), "'100' 100, '3,900,000' 3.9e+06, '' 4e+06 1");
+  EXPECT_EQ(tics({1'000, 2'000, 4'000, 8'000, 500'000, 1'000'000}),
+            "'1,000' 1000, '' 2000 1, '' 4000 1, '' 8000 1, '10,000' 10000, '100,000' 100000, '' 500000 1, "
+            "'1,000,000' 1e+06");
+}
+
 TEST(Gnuplot, PayloadOf0BytesIsNotNamed1) {
   auto empty = plotted("a", "udp"), other = plotted("a", "udp");
   amend(empty.run.asked, "/payload_bytes", 0);
   const auto commands = gnuplot_of({empty, other}, {Plot::Figure::payload, Plot::Form::svg, false});
-  EXPECT_EQ(found_in(commands, "set xtics \\(('0' [0-9.]+, 500)\\)").size(), 1u) << commands;
+  EXPECT_EQ(found_in(commands, "set xtics \\(('0' [0-9.]+, '500' 500)\\)").size(), 1u) << commands;
 }
 
 TEST(Gnuplot, RunOfUnknownPayloadIsLeftOutAndCounted) {

@@ -2,12 +2,10 @@
 // Round trips against what was varied: the payload, or the rate of the background topics.
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <map>
 #include <set>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "gate/gate.hpp"
 #include "plot/figures.hpp"
@@ -91,29 +89,41 @@ struct Axis {
   bool has_others() const { return greatest > 0; }
   double zero() const { return has_others() ? least / std::max(1.5, std::pow(greatest / least, 0.2)) : 1; }
   double at(double x) const { return x > 0 ? x : zero(); }
-  std::string range() const {
-    constexpr double room = 1.3;
-    if (!has_zero && !has_others()) return "[0.1:10]";
-    return fmt::format("[{}:{}]", (has_zero ? zero() : least) / room,
-                       (has_others() ? greatest : zero()) * room);
-  }
+  double from() const { return (has_zero ? zero() : has_others() ? least : 0.13) / room; }
+  double to() const { return (has_others() ? greatest : has_zero ? zero() : 10 / room) * room; }
+
+ private:
+  static constexpr double room = 1.3;
 };
 
-// Few places have their numbers; else powers of ten have.
-std::string place_tics(const Axis& axis, const std::set<double>& places, const Abscissa& abscissa) {
+// Few places have their numbers; else powers of ten have. One that has no room for its number has a tick.
+std::string place_tics(const Axis& axis, const std::set<double>& places, const Abscissa& abscissa,
+                       double axis_cm) {
   constexpr std::size_t most_named = 5;
-  if (places.empty() || (places.size() > most_named && !axis.has_zero)) return "";
-  std::vector<double> named;
+  constexpr double gap_cm = 0.15;
+  if (places.empty()) return "";
+  std::set<double> named;
   if (places.size() <= most_named)
-    std::ranges::copy_if(places, std::back_inserter(named), [](double x) { return x > 0; });
+    named = places;
   else
     for (int power = -3; power < 12; ++power)
-      if (const auto x = std::pow(10, power); x >= axis.least && x <= axis.greatest) named.push_back(x);
+      if (const auto x = std::pow(10, power); x >= axis.least && x <= axis.greatest) named.insert(x);
   if (named.size() < 2 && places.size() > most_named) named = {axis.least, axis.greatest};
-  const auto zero = axis.has_zero
-                        ? fmt::format("'{}' {:.6g}{}", abscissa.zero, axis.zero(), named.empty() ? "" : ", ")
-                        : "";
-  return fmt::format("set xtics ({}{:g})", zero, fmt::join(named, ", "));
+  if (axis.has_zero) named.insert(0);
+  auto all = places;
+  all.insert(named.begin(), named.end());
+  std::vector<std::string> tics;
+  double last_cm = -axis_cm;  // where the last number ends
+  for (const auto x : all) {
+    const auto text = x > 0 ? number_text(x) : abscissa.zero;
+    const auto half_cm = text_width_cm(text) / 2;
+    const auto at_cm = std::log(axis.at(x) / axis.from()) / std::log(axis.to() / axis.from()) * axis_cm;
+    const bool has_room = named.contains(x) && at_cm - half_cm >= last_cm + gap_cm;
+    if (has_room) last_cm = at_cm + half_cm;
+    tics.push_back(has_room ? fmt::format("'{}' {:.6g}", text, axis.at(x))
+                            : fmt::format("'' {:.6g} 1", axis.at(x)));
+  }
+  return fmt::format("set xtics ({})", join(tics, ", "));
 }
 
 // Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
@@ -123,7 +133,7 @@ constexpr int hollow_points[] = {6, 4, 8, 12};
 
 std::string plot_against(const Group& group, const Plot& plot) {
   const auto& abscissa = plot.figure == Plot::Figure::payload ? payload : rate_of_background;
-  constexpr double left_cm = 1.65, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
+  constexpr double left_cm = 1.65, right_cm = 0.6, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;
   Axis axis;
@@ -204,13 +214,14 @@ std::string plot_against(const Group& group, const Plot& plot) {
   const Legend legend(entries, width - left_cm - right_cm);
   Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);
   const Box axes{left_cm, 0.2, width - right_cm, 0.2 + axes_cm};
-  sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange {}", range.least_ms,
-                        range.greatest_ms, axis.range()));
+  sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange [{}:{}]", range.least_ms,
+                        range.greatest_ms, axis.from(), axis.to()));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
   std::set<double> places;
   for (const auto& [name, at] : series)
     for (const auto& [x, runs] : at) places.insert(x);
-  if (const auto tics = place_tics(axis, places, abscissa); !tics.empty()) sheet.add(tics);
+  if (const auto tics = place_tics(axis, places, abscissa, axes.right - axes.left); !tics.empty())
+    sheet.add(tics);
   for (const auto& [name, lines, with, bars] : data) {
     sheet.draw(name, lines, with);
     if (!bars.empty()) sheet.draw(bars);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What changed from A to B, as a forest plot: of each metric B / A and its interval.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <utility>
 
@@ -40,6 +41,8 @@ struct Panel {
   std::vector<std::string> notes;
 };
 
+std::string in_three_digits(double number) { return number_text(std::stod(fmt::format("{:.3g}", number))); }
+
 std::pair<const char*, double> unit_of(double ns) {
   return ns >= 999.5e6   ? std::pair{"s", 1e9}
          : ns >= 999.5e3 ? std::pair{"ms", 1e6}
@@ -51,10 +54,11 @@ std::pair<const char*, double> unit_of(double ns) {
 std::string times_text(double from_ns, double to_ns) {
   const auto [unit, size] = unit_of(std::max(from_ns, to_ns));
   if (std::min(from_ns, to_ns) >= size / 100)
-    return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
+    return fmt::format("{} → {} {}", in_three_digits(from_ns / size), in_three_digits(to_ns / size), unit);
   const auto [from_unit, from_size] = unit_of(from_ns);
   const auto [to_unit, to_size] = unit_of(to_ns);
-  return fmt::format("{:.3g} {} → {:.3g} {}", from_ns / from_size, from_unit, to_ns / to_size, to_unit);
+  return fmt::format("{} {} → {} {}", in_three_digits(from_ns / from_size), from_unit,
+                     in_three_digits(to_ns / to_size), to_unit);
 }
 
 // Runs of one name are told apart by their files.
@@ -84,11 +88,11 @@ Panel panel_of(const Comparison& comparison, const Comparison::Pair& pair, doubl
       const bool is_bounded =
           low && high &&
           !(change->ratio && (*low * farthest < *change->ratio || *high > *change->ratio * farthest));
-      const auto lies =
-          !is_bounded || report::tells_nothing(figure, *change) ? ""
-          : change->ratio
-              ? fmt::format(", × {:.3g} [{:.3g}, {:.3g}]", *change->ratio, *low, *high)
-              : fmt::format(", difference [{}, {}] points", table::points(*low), table::points(*high));
+      const auto lies = !is_bounded || report::tells_nothing(figure, *change) ? ""
+                        : change->ratio ? fmt::format(", × {} [{}, {}]", in_three_digits(*change->ratio),
+                                                      in_three_digits(*low), in_three_digits(*high))
+                                        : fmt::format(", difference [{}, {}] points", table::points(*low),
+                                                      table::points(*high));
       for (const auto& line :
            wrapped(fmt::format("{}: {} % → {} %{}", statistics::name_of(times, figure),
                                table::percent(change->from, 3), table::percent(change->to, 3), lies),
@@ -127,10 +131,21 @@ Ratios ratios_of(const std::vector<Panel>& panels) {
   return all;
 }
 
-// From 1 outwards, as many as have room for their names: "× 1e+15" takes 1.1 cm, and an axis of one column
+// "× 1.5", "× 10,000"; of a greater or smaller power of ten "× 10⁸".
+std::string ratio_text(double ratio) {
+  constexpr std::array<const char*, 10> digits = {"⁰", "¹", "²", "³", "⁴", "⁵", "⁶", "⁷", "⁸", "⁹"};
+  const auto power = std::lround(std::log10(ratio));
+  if (std::abs(power) <= 4) return "× " + number_text(ratio);
+  std::string text = power < 0 ? "× 10⁻" : "× 10";
+  for (const char digit : std::to_string(std::abs(power)))
+    text += digits.at(static_cast<std::size_t>(digit - '0'));
+  return text;
+}
+
+// From 1 outwards, as many as have room for their names: "× 10,000" takes 1.2 cm, and an axis of one column
 // has 3.9 cm.
 std::string ratio_tics(const Ratios& range) {
-  constexpr double name_cm = 1.1, axis_cm = 3.9;
+  constexpr double name_cm = 1.2, axis_cm = 3.9;
   const auto span = range.greatest / range.least;
   const double apart = std::log(span) * name_cm / axis_cm;
   std::vector<double> ratios;  // on each side in this order
@@ -143,7 +158,7 @@ std::string ratio_tics(const Ratios& range) {
   for (const double ratio : ratios) {
     auto& last = ratio > 1 ? above : below;
     if (ratio < range.least || ratio > range.greatest || std::abs(std::log(ratio / last)) < apart) continue;
-    tics.push_back(fmt::format("'× {0:g}' {0:g}", ratio));
+    tics.push_back(fmt::format("'{}' {:g}", ratio_text(ratio), ratio));
     last = ratio;
   }
   return fmt::format("set xtics ({})", join(tics, ", "));

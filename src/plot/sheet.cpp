@@ -200,6 +200,13 @@ void Legend::draw(Sheet& sheet, double left, double top) const {
   }
 }
 
+std::string number_text(double number) {
+  if (number >= 999.5 && number < 1e15) return grouped(static_cast<std::uint64_t>(std::llround(number)));
+  if (number <= 0 || number >= 1e-4) return fmt::format("{:g}", number);
+  const auto text = fmt::format("{:.{}f}", number, decimals_that_show(number) + 2);
+  return text.substr(0, text.find_last_not_of('0') + 1);
+}
+
 std::string time_tics(const char* axis, double least_ms, double greatest_ms) {
   // Fewer than two powers of ten: others have a name too. Of many only each third.
   const auto span = greatest_ms / least_ms;

@@ -78,6 +78,8 @@ class Legend {
   double height_ = 0;
 };
 
+std::string number_text(double);  // without an exponent: "0.02", "1.25", "4,000,000"
+
 // A logarithmic axis of times or shares, whose ticks are written out: "10 µs", "1 %".
 std::string time_tics(const char* axis, double least_ms, double greatest_ms);
 std::string share_tics(const char* axis, double least);
