@@ -297,6 +297,46 @@ TEST(Gnuplot, CcdfDrawsRepetitionsAsOneLineWithTheirSpread) {
   EXPECT_THAT(commands, HasSubstr("best to worst of the repetitions"));
 }
 
+// Their round trips alone would show a stall as a single slow message.
+TEST(Gnuplot, CcdfIsOfResponseTimesWhereCyclesWereSkipped) {
+  auto stalled = plotted("a", "udp"), other = plotted("b", "udp");
+  const Plot plot{Plot::Figure::ccdf, Plot::Form::svg, false};
+  EXPECT_THAT(
+      gnuplot_of({stalled, other}, plot),
+      AllOf(HasSubstr("'Share of messages slower'"), HasSubstr("'Round trip'"), Not(HasSubstr("in time"))));
+  stalled.lost = 3;
+  stalled.skipped_cycles = 500;
+  stalled.late_by_response = 503;
+  stalled.response.count = 2497;
+  stalled.response.max = 5'000 * ms;
+  stalled.shape.response = {{200'000, 210'000, 1997}, {4'000 * ms, 4'200 * ms, 500}};
+  other.late_by_response = 0;
+  other.response.count = 2000;
+  other.response.max = 310'000;
+  other.shape.response = {{300'000, 320'000, 2000}};
+  const auto commands = gnuplot_of({stalled, other}, plot);
+  EXPECT_THAT(commands, HasSubstr("'Share of cycles slower'"));
+  EXPECT_THAT(commands, HasSubstr("set label 'Response time"));
+  EXPECT_THAT(
+      commands,
+      HasSubstr("$run0 << END\n0.2 1\n0.21 0.2012\n4000 0.2012\n4200 0.0012\n5000 0.0012\n8000 0.0012\nEND"));
+  EXPECT_THAT(commands, HasSubstr("$run1 << END\n0.3 1\n0.31 ")) << "both of the same quantity";
+  EXPECT_THAT(commands, HasSubstr("'503 of 2,500 cycles not in time'"));
+  EXPECT_THAT(commands, HasSubstr("'0 of 2,000 cycles not in time'"));
+}
+
+TEST(Gnuplot, CcdfIsOfResponseTimesWhereLatenessIs) {
+  auto run = plotted("a", "udp");
+  run.late = 4;
+  run.late_by_response = 4;
+  run.response = run.round_trip;
+  run.shape.response = run.shape.round_trip;
+  const Plot plot{Plot::Figure::ccdf, Plot::Form::svg, false};
+  EXPECT_THAT(gnuplot_of({run}, plot), HasSubstr("'Round trip'"));
+  amend(run.run.asked, "/schedule", "fixed");
+  EXPECT_THAT(gnuplot_of({run}, plot), HasSubstr("'4 of 2,000 cycles not in time'"));
+}
+
 TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   auto first = plotted("a", "udp", 1), second = plotted("a", "udp", 2);
   second.round_trip[statistics::Figure::p50] = 300'000;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Exceedance (CCDF): the share of messages that are slower than x, lost ones among them. Repetitions are one
 // line, and the band goes from the best to the worst of them; of a single run it is the 95 % confidence
-// interval.
+// interval. Where cycles were skipped or late from when they were due, it is of response times: round trips
+// would leave out just the cycles that waited.
 #include <algorithm>
 #include <map>
 #include <set>
@@ -9,22 +10,37 @@
 #include <fmt/format.h>
 
 #include "plot/figures.hpp"
+#include "report/runs.hpp"
 #include "report/words.hpp"
 
 namespace ontime::plot {
 namespace {
 
-// Of messages that were sent together: how many of them took so long or longer.
+using statistics::Times;
+
+bool counts_by_response(const Group& group) {
+  return std::ranges::any_of(group, [](const auto* run) {
+    const auto& client = run->run.asked.task.client;
+    return run->skipped_cycles > 0 || report::differs_by_response(*run) ||
+           (client.schedule == roundtrip::Schedule::fixed && run->late > 0);
+  });
+}
+
+const statistics::Distribution& times_of(const Summary& run, Times times) {
+  return times == Times::response ? run.response : run.round_trip;
+}
+
+// How many messages, or cycles, of all runs took so long or longer.
 class Curve {
  public:
-  explicit Curve(const Group& runs) {
+  Curve(const Group& runs, Times times) {
     for (const auto* run : runs) {
       lost_ += run->lost;
-      for (const auto& bin : run->shape.round_trip) {
+      for (const auto& bin : times == Times::response ? run->shape.response : run->shape.round_trip) {
         bins_[bin.from_ns] += bin.count;
         bins_.try_emplace(bin.to_ns);  // what follows may be empty
       }
-      if (run->round_trip.count > 0) greatest_ns_ = std::max(greatest_ns_, run->round_trip.max);
+      if (const auto& of = times_of(*run, times); of.count > 0) greatest_ns_ = std::max(greatest_ns_, of.max);
     }
     std::erase_if(bins_, [this](const auto& bin) { return bin.first > greatest_ns_; });
     std::uint64_t left = lost_;
@@ -76,11 +92,11 @@ std::string line_of(const Curve& curve, const Range& range, double floor) {
 }
 
 // x, and between which shares the repetitions are: stairs.
-std::string spread_of(const Group& runs, const Range& range, double floor) {
+std::string spread_of(const Group& runs, Times times, const Range& range, double floor) {
   std::vector<Curve> curves;
   std::set<std::int64_t> at;
   for (const auto* run : runs) {
-    curves.emplace_back(Group{run});
+    curves.emplace_back(Group{run}, times);
     for (const auto ns : curves.back().steps()) at.insert(ns);
   }
   std::string band;
@@ -103,9 +119,10 @@ std::string spread_of(const Group& runs, const Range& range, double floor) {
 
 // The corners of what the intervals of p50 to p99.99 span, as far as they have both ends; that of p50 alone
 // spans nothing.
-std::string interval_of(const Summary& run, const Range& range) {
-  const auto& sure = run.round_trip_certainty;
-  const auto lost = run.sent > 0 ? static_cast<double>(run.lost) / static_cast<double>(run.sent) : 0;
+std::string interval_of(const Summary& run, Times times, const Range& range) {
+  const auto& sure = times == Times::response ? run.response_certainty : run.round_trip_certainty;
+  const auto all = run.lost + times_of(run, times).count;
+  const auto lost = all > 0 ? static_cast<double>(run.lost) / static_cast<double>(all) : 0;
   std::string there, back;
   std::size_t levels = 0;
   for (const auto& row : statistics::percentiles) {
@@ -146,9 +163,14 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   const auto width = Sheet::width_cm(plot);
   const auto conditions = conditions_of(group);
   const auto styles = styles_of(conditions);
-  const auto range = range_of(group);
+  const auto times = counts_by_response(group) ? Times::response : Times::round_trip;
+  const bool is_response = times == Times::response;
+  const auto range = range_of(group, times);
   std::uint64_t most = 1;
-  for (const auto& condition : conditions) most = std::max(most, counts_of(condition.runs).sent);
+  for (const auto& condition : conditions) {
+    const auto counts = counts_of(condition.runs);
+    most = std::max(most, counts.sent + (is_response ? counts.skipped_cycles : 0));
+  }
   const auto floor = 0.7 / static_cast<double>(most);
 
   std::vector<Entry> entries;
@@ -157,16 +179,18 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   std::vector<std::string> bands(conditions.size()), lines(conditions.size());
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     const auto& runs = timed.emplace_back(with_times(conditions[i].runs));
+    const auto counts = counts_of(conditions[i].runs);
     entries.push_back({conditions[i].name + (runs.empty()      ? " (times unknown)"
                                              : runs.size() > 1 ? fmt::format(" ({} runs)", runs.size())
                                                                : ""),
-                       "linewidth 1.4 " + styles[i]});
+                       "linewidth 1.4 " + styles[i], "",
+                       is_response && counts.knows_late ? not_in_time_text(counts) : ""});
     if (runs.empty()) continue;
-    lines[i] = line_of(Curve(runs), range, floor);
+    lines[i] = line_of(Curve(runs, times), range, floor);
     if (runs.size() > 1)
-      bands[i] = spread_of(runs, range, floor);
+      bands[i] = spread_of(runs, times, range, floor);
     else if (conditions.size() <= most_intervals)
-      bands[i] = interval_of(*runs.front(), range);
+      bands[i] = interval_of(*runs.front(), times, range);
     (runs.size() > 1 ? any_spread : any_interval) |= !bands[i].empty();
   }
   const auto* const patch = "linewidth 6 linecolor rgb '#cccccc'";
@@ -188,8 +212,11 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   for (const auto deadline : deadlines)
     sheet.add(
         fmt::format("set arrow from {0}, graph 0 to {0}, graph 1 nohead {1}", deadline, deadline_style));
-  sheet.text(0.2, (axes.top + axes.bottom) / 2, "Share of messages slower", "center rotate");
-  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, report::quantity_of(group), "center");
+  sheet.text(0.2, (axes.top + axes.bottom) / 2,
+             is_response ? "Share of cycles slower" : "Share of messages slower", "center rotate");
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7,
+             is_response ? "Response time (from when a cycle was due)" : report::quantity_of(group),
+             "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     const bool is_spread = timed[i].size() > 1;

@@ -37,7 +37,7 @@ std::vector<double> deadlines_ms(const Group&);                   // each once
 std::string deadline_text(const std::vector<double>& deadlines);  // "deadline 10 ms"
 inline constexpr const char* deadline_style = "linewidth 0.8 dashtype 2 linecolor rgb '#666666'";
 
-// From the least to the greatest round trip of all, deadlines included, with room on both sides. The axis is
+// From the least to the greatest time of all, deadlines included, with room on both sides. The axis is
 // logarithmic and has no place for 0, which ages and periods of a robot's own messages may be: it is drawn at
 // the lower end.
 struct Range {
@@ -45,7 +45,7 @@ struct Range {
   double at(double ns) const { return std::max(ms(ns), least_ms); }
   double at(std::int64_t ns) const { return at(static_cast<double>(ns)); }
 };
-Range range_of(const Group&);
+Range range_of(const Group&, statistics::Times = statistics::Times::round_trip);
 double least_positive_ms(const statistics::Summary&);  // to within a bin of its histogram; 1e12 if none is
 
 // Those that were measured to their end and as requested; all, if none was.
@@ -53,11 +53,13 @@ Group sound_of(const Group&);
 
 struct Counts {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
-  std::optional<std::uint64_t> not_in_time{};   // cycles, where response times make more of them late
+  std::uint64_t not_in_time = 0;                // of all cycles
+  bool differs_by_response = false;             // which makes more of them late
   std::uint64_t unrecorded = 0;                 // of those sent: their times are unknown
   bool knows_late = false, knows_loss = false;  // of a run at least
 };
 Counts counts_of(const Group&);
-std::string text_of(const Counts&);  // "6 late, 0 lost of 1,945"
+std::string text_of(const Counts&);           // "6 late, 0 lost of 1,945"
+std::string not_in_time_text(const Counts&);  // "178 of 800 cycles not in time"
 
 }  // namespace ontime::plot

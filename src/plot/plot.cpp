@@ -115,15 +115,16 @@ double least_positive_ms(const Summary& summary) {
   return all.max > 0 ? ms(all.max) : 1e12;
 }
 
-Range range_of(const Group& group) {
+Range range_of(const Group& group, statistics::Times times) {
   double least = 1e12, greatest = 0;
   for (const auto* summary : group) {
     const auto deadline = deadline_ms(*summary).value_or(0);
     greatest = std::max(greatest, deadline);
     if (summary->round_trip.count == 0) continue;
+    const bool is_response = times == statistics::Times::response;
     least = std::min(least, least_positive_ms(*summary));
-    greatest = std::max(
-        {greatest, ms(summary->round_trip.max), summary->skipped_cycles > 0 ? ms(summary->response.max) : 0});
+    greatest = std::max({greatest, ms(summary->round_trip.max),
+                         is_response || summary->skipped_cycles > 0 ? ms(summary->response.max) : 0});
   }
   if (greatest <= 0) return {0.1, 10};
   return {std::max(std::min(least, greatest / 10), 1e-6) / 1.4, greatest * 1.6};
@@ -131,8 +132,6 @@ Range range_of(const Group& group) {
 
 Counts counts_of(const Group& group) {
   Counts all;
-  std::uint64_t not_in_time = 0;
-  bool by_response = false;
   for (const auto* run : group) {
     const auto fates = statistics::fates_of(*run);
     all.sent += fates.sent;
@@ -142,11 +141,15 @@ Counts counts_of(const Group& group) {
     all.knows_late |= statistics::knows_late(run->run);
     all.knows_loss |= statistics::knows_loss(run->run);
     all.skipped_cycles += fates.skipped;
-    not_in_time += fates.not_in_time;
-    by_response |= report::differs_by_response(*run);
+    all.not_in_time += fates.not_in_time;
+    all.differs_by_response |= report::differs_by_response(*run);
   }
-  if (by_response) all.not_in_time = not_in_time;
   return all;
+}
+
+std::string not_in_time_text(const Counts& counts) {
+  return fmt::format("{} of {} cycles not in time", grouped(counts.not_in_time),
+                     grouped(counts.sent + counts.skipped_cycles));
 }
 
 std::string text_of(const Counts& counts) {
@@ -158,9 +161,8 @@ std::string text_of(const Counts& counts) {
                   : fmt::format("{}; no limit; lost unknown", many(counts.sent, "message", "messages"));
   if (counts.unrecorded > 0)
     text += fmt::format("; {} not recorded", many(counts.unrecorded, "sample", "samples"));
-  if (counts.not_in_time)
-    text += fmt::format("; {} of {} cycles not in time", grouped(*counts.not_in_time),
-                        grouped(counts.sent + counts.skipped_cycles));
+  if (counts.differs_by_response)
+    text += "; " + not_in_time_text(counts);
   else if (counts.skipped_cycles > 0)
     text += fmt::format("; {} without a message", many(counts.skipped_cycles, "cycle", "cycles"));
   return text;

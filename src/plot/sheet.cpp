@@ -174,10 +174,12 @@ Legend::Legend(std::vector<Entry> entries, double width_cm) {
   double x = 0, y = 0;
   std::size_t lines_of_row = 1;
   for (auto& entry : entries) {
-    auto lines = wrapped(entry.text, width_cm - sample_cm);
+    std::vector<Line> lines;
+    add_lines(lines, entry.text, width_cm - sample_cm);
+    if (!entry.note.empty()) add_lines(lines, entry.note, width_cm - sample_cm, grey_text);
     double width = 0;
     const auto sample = entry.line.empty() && entry.point.empty() ? 0 : sample_cm;
-    for (const auto& line : lines) width = std::max(width, sample + text_width_cm(line) + gap_cm);
+    for (const auto& [text, style] : lines) width = std::max(width, sample + text_width_cm(text) + gap_cm);
     if (x > 0 && x + width - gap_cm > width_cm) {
       x = 0;
       y += line_cm * static_cast<double>(std::exchange(lines_of_row, 1));
@@ -196,7 +198,7 @@ void Legend::draw(Sheet& sheet, double left, double top) const {
     if (!entry.point.empty()) sheet.point(from + mark_cm / 2, middle, entry.point);
     const auto words = entry.line.empty() && entry.point.empty() ? from : from + sample_cm;
     for (std::size_t i = 0; i < lines.size(); ++i)
-      sheet.text(words, middle + line_cm * static_cast<double>(i), lines[i]);
+      sheet.text(words, middle + line_cm * static_cast<double>(i), lines[i].text, lines[i].style);
   }
 }
 

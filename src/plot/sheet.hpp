@@ -61,6 +61,7 @@ class Sheet {
 struct Entry {
   std::string text;
   std::string line = {}, point = {};  // styles; either may be empty
+  std::string note = {};              // below it, in grey
 };
 class Legend {
  public:
@@ -71,7 +72,7 @@ class Legend {
  private:
   struct Placed {
     Entry entry;
-    std::vector<std::string> lines;
+    std::vector<Line> lines;
     double x, y;
   };
   std::vector<Placed> placed_;
