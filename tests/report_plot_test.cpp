@@ -146,6 +146,16 @@ TEST(Gnuplot, TimesOfNothingStandAtTheLowerEndOfTheAxis) {
     EXPECT_THAT(of(figure), HasSubstr("range [0.0714")) << "from the least time above 0";
 }
 
+TEST(Gnuplot, KeyOverTimeSaysWhyALateMessageIsBelowTheDeadline) {
+  auto run = plotted("a", "udp");
+  run.late = run.shape.slices.front().late = 1;
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("set label 'late'"));
+  amend(run.run.asked, "/schedule", "fixed");
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("set label 'late (fixed schedule: from when due,"));
+  run.shape.slices.front().max_ns = 11 * ms;
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("set label 'late'")) << "where it is above, it needs no words";
+}
+
 TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
   Summaries runs;
   for (const auto* id : {"A", "B", "C"})

@@ -102,6 +102,19 @@ void draw(Sheet& sheet, const Summary& summary, std::size_t run, const Range& ra
   add("lost", lost, fmt::format("axes x1y2 with points {}", lost_style));
 }
 
+// With schedule fixed, lateness counts from when a message was due, and its round trip from when it was sent.
+bool has_late_below_the_deadline(const Group& group, const std::vector<std::vector<Stretch>>& stretches) {
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const auto& client = group[i]->run.asked.task.client;
+    if (client.schedule == roundtrip::Schedule::fixed &&
+        std::ranges::any_of(stretches[i], [&](const Stretch& one) {
+          return one.second.late > 0 && one.second.max_ns <= client.deadline.count();
+        }))
+      return true;
+  }
+  return false;
+}
+
 std::vector<Entry> entries_of(const Group& group, const std::vector<std::vector<Stretch>>& stretches,
                               const Range& range) {
   const auto any = [&](auto is_it) {
@@ -116,7 +129,10 @@ std::vector<Entry> entries_of(const Group& group, const std::vector<std::vector<
     entries.push_back({"messages", "", "pointtype 7 pointsize 0.25 linecolor rgb '#0072b2'"});
   if (std::ranges::any_of(group, has_medians)) entries.push_back({"median", median_style});
   if (any([](const auto& of) { return of.late > 0; }))
-    entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
+    entries.push_back({has_late_below_the_deadline(group, stretches)
+                           ? "late (fixed schedule: from when due, so also below the deadline)"
+                           : "late",
+                       "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
   if (any([](const auto& of) { return of.lost > 0; }))
     entries.push_back({"lost (at the top)", "", lost_style});
   if (any([](const auto& of) { return of.skipped_cycles > 0; }))
