@@ -144,6 +144,21 @@ TEST_F(Imports, SumColumnOfDashHIsNoThread) {
   EXPECT_EQ(read(sums).size(), 2U);
 }
 
+TEST_F(Imports, TextOfDashBNamesItsThreadsOnceMore) {
+  EXPECT_EQ(read(std::string(text) + "# Thread Ids: 27331 27332\n# Break thread: 27331\n# Break value: 936\n")
+                .size(),
+            2U);
+}
+
+TEST_F(Imports, JsonSaysWhetherTheKernelIsRealTime) {
+  const auto preemption = [&](const std::string& content) {
+    return read(content, as_json)[0].outcome.at("hosts").at("controller").at("machine").at("preemption");
+  };
+  EXPECT_EQ(preemption(document), nullptr);
+  EXPECT_EQ(preemption(changed(document, "PREEMPT_RT\"", "PREEMPT_RT\", \"realtime\": 1")), "rt");
+  EXPECT_EQ(preemption(changed(document, "PREEMPT_RT\"", "PREEMPT_DYNAMIC\", \"realtime\": 0")), "not rt");
+}
+
 TEST_F(Imports, JsonSaysItsUnitAndWhereItIsFrom) {
   const auto imports = read(document, as_json);
   ASSERT_EQ(imports.size(), 1U);
@@ -201,6 +216,8 @@ TEST_F(Imports, EachInvalidTextIsRefusedWithItsFault) {
       {changed(good, "00000 00002", "00000 18446744073709551615"), "more values than any run has"},
       {good + good, "line 20"},
       {document, "line 1: '{' is not a whole number"},
+      {changed(good, "# Histogram", "policy: fifo: loadavg: 1.0"),
+       "line 2: 'policy:' is not a whole number of at least 0; `cyclictest -h N -q`"},
   };
   for (const auto& [content, expected] : cases) {
     EXPECT_THAT(error_of(content), HasSubstr(expected));
@@ -236,6 +253,7 @@ TEST_F(Imports, EachInvalidJsonIsRefusedWithItsFault) {
       {changed(good, "\"thread\": {", "\"thread\": {\"00\": {}, "), "0 occurs twice"},
       {changed(good, "\"avg\": 48.91", "\"avg\": 1e999"), "not JSON"},
       {changed(good, "\"max\": 3908", "\"max\": 1e3"), "'max' is not a whole number"},
+      {changed(good, "\"return_code\": 0", "\"return_code\": 1"), "'return_code' is 1: cyclictest failed"},
   };
   for (const auto& [content, expected] : cases)
     EXPECT_THAT(error_of(content, as_json), HasSubstr(expected)) << content.substr(0, 200);

@@ -94,6 +94,9 @@ std::ifstream open(const std::string& file, std::uintmax_t most_bytes) {
 
 // --- the text ---
 
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+bool is_letter(char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
+
 class Text {
  public:
   explicit Text(const std::string& file) : file_(file) {}
@@ -128,7 +131,8 @@ class Text {
           wrong(fmt::format("'{}' occurs twice; a file has one histogram", name));
         return;
       }
-    if (text.compare(first, 9, "# Thread ") == 0) ++named_;
+    constexpr std::string_view thread = "# Thread ";  // "# Thread 0:"; with -b also "# Thread Ids: 41 42"
+    if (text.compare(first, thread.size(), thread) == 0 && is_digit(text[first + thread.size()])) ++named_;
   }
 
   std::vector<std::uint64_t> numbers(const std::string& text) const {
@@ -136,7 +140,9 @@ class Text {
     std::vector<std::uint64_t> result;
     for (std::string word; words >> word;) {
       const auto count = number_in<std::uint64_t>(word);
-      if (!count) wrong(fmt::format("'{:.20}' is not a whole number of at least 0", word));
+      if (!count)
+        wrong(fmt::format("'{:.20}' is not a whole number of at least 0{}", word,
+                          is_letter(word[0]) ? "; `cyclictest -h N -q` prints the histogram alone" : ""));
       result.push_back(*count);
     }
     return result;
@@ -278,6 +284,11 @@ std::vector<Import> read_text(const std::string& file, const What& what) {
   return runs;
 }
 
+// Of a kernel without PREEMPT_RT the file does not say which other kind it has.
+json preemption_of(const json& realtime) {
+  return realtime == 1 ? json("rt") : realtime == 0 ? json("not rt") : json();
+}
+
 std::vector<Import> read_json(const std::string& file, const What& what) {
   const auto document = document_of(file);
   const auto& threads = at(document, "thread");
@@ -291,6 +302,11 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
     if (!in_order.try_emplace(*number, &thread).second)
       fail(file, "thread", fmt::format("{} occurs twice", *number));
   }
+  if (const auto& code = at(document, "return_code"); code.is_number() && code != 0)
+    fail(file, "",
+         fmt::format("'return_code' is {}: cyclictest failed, and its histograms may lack values. Fix: "
+                     "measure again",
+                     record::text_of(code)));
   const auto unit_ns = at(document, "resolution_in_ns") == 1 ? 1 : 1000;
   std::vector<Import> runs;
   for (const auto& [number, thread] : in_order) {
@@ -303,7 +319,8 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
     const auto& system = at(document, "sysinfo");
     const json machine = {{"hostname", word_of(at(system, "nodename"))},
                           {"kernel_release", word_of(at(system, "release"))},
-                          {"kernel_version", word_of(at(system, "version"))}};
+                          {"kernel_version", word_of(at(system, "version"))},
+                          {"preemption", preemption_of(at(system, "realtime"))}};
     runs.push_back({std::move(asked),
                     {{"interrupted", false},
                      {"hosts", {{"controller", {{"machine", machine}}}}},
