@@ -135,7 +135,7 @@ TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {
   amend(b[0].run.asked, {{"kernel", {{"irq-threads", 90}, {"threaded-napi", "on"}}}, {"repetition", 3}});
   amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
   EXPECT_THAT(answer_of(compare(a, b)),
-              HasSubstr("Also different: component transport version: 0.1.0 → 0.2.0; kernel (2 values)"));
+              HasSubstr("Also different: kernel (2 values); component udp version: 0.1.0 → 0.2.0"));
 }
 
 TEST(CompareAnswer, LongNamesOfTheSidesAreBriefInTheSentence) {

@@ -101,6 +101,48 @@ TEST(Compare, DifferencesOfRatesHaveTheirUnits) {
                     HasSubstr("traffic.rate: 0.001 Mbit/s → 80 Mbit/s")));
 }
 
+TEST(Compare, FirstScreenNamesTheMostImportantDifferencesAndThoseOfBothHostsOnce) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1)};
+  amend(b[0].run.asked, {{"period_us", 20000}, {"ontime", "0.3.0"}});
+  for (const auto* host : {"controller", "component"}) {
+    const auto of = std::string("/hosts/") + host;
+    for (const auto* key :
+         {"clocksource", "cpu_count", "cpu_model", "governor", "hostname", "kernel_release", "preemption"})
+      amend(b[0].run.outcome, of + "/machine/" + key, std::string("new ") + key);
+    amend(b[0].run.outcome, of + "/machine/kernel_command_line", std::string(200, 'x'));
+    amend(b[0].run.outcome, of + "/transport/version", "9.9.9");
+  }
+  amend(b[0].run.outcome, "/hosts/component/machine/hostname", "arm");
+  const auto text = render_answer(compare(a, b), {}, Format::table, "", 1000);
+  EXPECT_THAT(found_in(text, "(period|(?:\\w+ )?hostname|\\w+|udp version): [^;:\n]* → [^;\n]*[;\n]"),
+              ::testing::ElementsAre("period", "component hostname", "controller hostname", "kernel_release",
+                                     "preemption", "cpu_model", "cpu_count", "udp version", "ontime",
+                                     "governor", "clocksource", "kernel_command_line"));
+  EXPECT_THAT(render(compare(a, b), {}, Format::markdown),
+              HasSubstr("period: 10 ms → 20 ms; component hostname"));
+  const auto document = parsed_json(render(compare(a, b), {}, Format::json));
+  EXPECT_EQ(document.at("pairs").at(0).at("not_the_same").size(), 20u) << "of each host";
+}
+
+TEST(Compare, ImportsOfOtherCommandLinesNameThem) {
+  const auto imported = [](const char* command) {
+    std::vector runs{run("x", "k", 1)};
+    amend(
+        runs[0].run.asked, "/imported",
+        {{"from", "cyclictest-json"}, {"file", "a.json"}, {"cmdline", command}, {"rt_test_version", "2.40"}});
+    runs[0].imported = statistics::Imported{"cyclictest-json", "a.json"};
+    return runs;
+  };
+  const auto usual = imported("cyclictest -t1 -i1000 -q --json=a.json");
+  const auto shown = [&](const char* command) {
+    return render(compare(usual, imported(command)), {}, Format::markdown);
+  };
+  EXPECT_THAT(shown("cyclictest -t1 -i200 -p80 --json b.json"),
+              HasSubstr("command line: cyclictest -t1 -i1000 → cyclictest -t1 -i200 -p80"));
+  EXPECT_THAT(shown("cyclictest -t1 -i1000 --json=b.json --quiet"), Not(HasSubstr("command line")));
+}
+
 TEST(Compare, RequestedAndAchievedDifferencesAreListed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};

@@ -94,6 +94,8 @@ std::string change_cell(const Quantity& row, const statistics::Change& change) {
   return difference_of(row, change.to - change.from) + (lies(row, change) == nothing ? unit_of(row) : "");
 }
 
+bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.to.front()->imported; }
+
 bool is_single(const Pair& pair) { return whole(pair.from).size() + whole(pair.to).size() <= 2; }
 
 // A percentile that needs more messages than one of the runs has.
@@ -102,7 +104,61 @@ bool is_beyond(const Pair& pair, const Quantity& row) {
 }
 
 std::string list_of(const std::vector<Difference>& differences) {
-  return join(texts_of(differences, &Difference::text), "; ");
+  return join(texts_of(by_importance(differences), &Difference::text), "; ");
+}
+
+// "controller cpu_count": the host, and what is of it; no host: it is of the run.
+std::pair<std::string_view, std::string_view> host_and_rest(std::string_view what) {
+  for (const std::string_view host : {"controller", "component", "both"})
+    if (what.starts_with(host) && what.substr(host.size()).starts_with(' '))
+      return {host, what.substr(host.size() + 1)};
+  return {"", what};
+}
+
+std::size_t rank_of(const Difference& difference) {
+  constexpr std::string_view of_hosts[] = {"refused",    "load_running", "hostname",      "kernel_release",
+                                           "preemption", "cpu_model",    "cpu_count",     "transport",
+                                           "ontime",     "governor",     "isolated_cpus", "clocksource"};
+  constexpr std::string_view last = "kernel_command_line";  // the longest
+  const auto [host, rest] = host_and_rest(difference.what);
+  if (is_requested(difference)) return 0;
+  const auto* const found = std::ranges::find(of_hosts, rest.substr(0, rest.find(' ')));
+  return 1 + static_cast<std::size_t>(found - std::begin(of_hosts)) + (rest == last ? 1 : 0);
+}
+
+// Of imports: what the other tool says of itself, without the options for its output.
+std::string command_of(const statistics::Summary& run) {
+  const auto& source = run.run.asked.imported;
+  std::vector<std::string> words;
+  bool skips = false;
+  for (const auto& word : split(printable(source ? source->cmdline.value_or("") : ""), ' ')) {
+    const bool is_of_output =
+        word.starts_with("--json") || word.starts_with("--histfile") || word == "-q" || word == "--quiet";
+    if (!is_of_output && !skips && !word.empty()) words.push_back(word);
+    skips = word == "--json" || word == "--histfile";  // its file comes next
+  }
+  return join(words, " ");
+}
+
+std::vector<Difference> import_differences(const Pair& pair) {
+  constexpr std::size_t longest = 100;
+  const auto one_of = [](const Runs& runs, auto text_of_run) {
+    std::vector<std::string> texts;
+    for (const auto* run : runs) add_once(texts, shortened(text_of_run(*run), longest));
+    return join(texts, " or ");
+  };
+  std::vector<Difference> found;
+  const auto add = [&](const char* what, auto text_of_run) {
+    const auto from = one_of(pair.from, text_of_run), to = one_of(pair.to, text_of_run);
+    if (from != to && !from.empty() && !to.empty())  // a text file has neither
+      found.push_back({what, from, to, fmt::format("{}: {} → {}", what, from, to)});
+  };
+  add("command line", command_of);
+  add("rt-tests", [](const auto& run) {
+    const auto& version = run.run.asked.stated("imported.rt_test_version");
+    return version.is_null() ? "" : word(version);
+  });
+  return found;
 }
 
 // "idle udp", or "demo udp → demo cyclonedds" where the sides have other names.
@@ -186,6 +242,16 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
   return table;
 }
 
+std::vector<Difference> all_differences(const Pair& pair) {
+  constexpr std::string_view host = "controller ";  // of an import the only one
+  auto all = import_differences(pair);
+  for (auto& difference : differences(pair)) {
+    if (is_imported(pair) && difference.text.starts_with(host)) difference.text.erase(0, host.size());
+    all.push_back(std::move(difference));
+  }
+  return all;
+}
+
 // Of imported runs the mean of a percentile, or the greatest maximum.
 struct WakeUp {
   double ns = 0;
@@ -217,12 +283,10 @@ Table imported_table_of(const Comparison& comparison, const Pair& pair) {
     table.rows.push_back(
         {statistics::metric_of(figure).name, cell(pair.from, figure), cell(pair.to, figure)});
   table.notes.push_back(sides_text(comparison, pair));
-  if (const auto text = list_of(differences(pair)); !text.empty())
+  if (const auto text = list_of(all_differences(pair)); !text.empty())
     table.notes.push_back("also different (A → B): " + text);
   return table;
 }
-
-bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.to.front()->imported; }
 
 // A record may have a name of any length.
 std::string name_of(const Runs& runs) {
@@ -310,7 +374,7 @@ ordered_json metrics_of(const Pair& pair) {
 }
 
 ordered_json json_of(const Pair& pair) {
-  const auto not_the_same = array_of(differences(pair), [](const Difference& one) {
+  const auto not_the_same = array_of(all_differences(pair), [](const Difference& one) {
     return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
   });
   const auto metrics = metrics_of(pair);
@@ -339,6 +403,32 @@ std::string nearest(const Comparison& comparison) {
 }
 
 }  // namespace
+
+bool is_requested(const Difference& difference) {
+  const auto [host, rest] = host_and_rest(difference.what);
+  return host.empty() && rest != "ontime";
+}
+
+std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
+  std::vector<Difference> all;
+  for (const auto& difference : differences) {
+    const auto [host, rest] = host_and_rest(difference.what);
+    const auto is_same = [&, rest = rest](const char* of, const Difference& other) {
+      return other.what == fmt::format("{} {}", of, rest) && other.from == difference.from &&
+             other.to == difference.to;
+    };
+    const auto has = [&](const char* of) {
+      return std::ranges::any_of(differences, [&](const auto& other) { return is_same(of, other); });
+    };
+    if (host.empty() || !has("controller") || !has("component"))
+      all.push_back(difference);
+    else if (host == "controller")
+      all.push_back({fmt::format("both {}", rest), difference.from, difference.to,
+                     difference.text.substr(host.size() + 1)});
+  }
+  std::ranges::stable_sort(all, {}, rank_of);
+  return all;
+}
 
 bool tells_nothing(Figure figure, const statistics::Change& change) {
   if (figure == Figure::max || change.tendency != Tendency::unclear) return false;

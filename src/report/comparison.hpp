@@ -82,6 +82,10 @@ struct Difference {
 std::vector<Difference> differences(const Comparison::Pair&);
 // Without the comparison's key, and what follows from it.
 std::vector<Difference> other_differences(const Comparison&, const Comparison::Pair&);
+// What was requested first, then what an observer of two machines looks at. What both hosts have in common is
+// one difference, of "both"; its text names no host.
+std::vector<Difference> by_importance(const std::vector<Difference>&);
+bool is_requested(const Difference&);
 
 // The keys of a scenario that are not the same in two runs: "deadline: 10 ms → 5 ms".
 std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);
