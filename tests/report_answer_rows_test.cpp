@@ -188,6 +188,31 @@ TEST(Answer, RowDoesNotRepeatItsId) {
   EXPECT_THAT(text_for("load", true), HasSubstr("\nload RT  udp "));
 }
 
+TEST(Answer, RepetitionsOfSeveralMachinesOrVersionsAreACaution) {
+  std::vector runs{run(1, "a", "udp", {}, 0, 1), run(2, "a", "udp", {}, 0, 2), run(3, "b", "udp", {})};
+  const auto set = [&](std::size_t run, const char* host, const char* fact, const char* value) {
+    amend(runs[run].run.outcome, fmt::format("/hosts/{}/{}", host, fact), value);
+  };
+  const auto mixture = [&] {
+    std::string found;
+    for (const auto& caution : answer_of(runs, kept).cautions)
+      if (caution.find("repetitions") != caution.npos) found += caution;
+    EXPECT_EQ(json_of(answer_of(runs, kept)).dump().find("repetitions") != std::string::npos, !found.empty());
+    return found;
+  };
+  for (std::size_t i = 0; i < runs.size(); ++i)
+    for (const auto* host : {"controller", "component"})
+      set(i, host, "machine/kernel_release", i == 2 ? "4.19" : "6.1");
+  EXPECT_EQ(mixture(), "") << "another id may be measured elsewhere";
+  for (const auto* host : {"controller", "component"}) set(1, host, "machine/kernel_release", "5.10");
+  EXPECT_EQ(mixture(), "a udp ×2: repetitions come from 2 kernels: 5.10 and 6.1");
+  EXPECT_THAT(render(runs, Format::markdown, kept), HasSubstr("repetitions come from 2 kernels"));
+  set(1, "component", "transport/version", "0.1.1");
+  amend(runs[1].run.asked, "/ontime", "0.3.0");
+  EXPECT_THAT(mixture(), AllOf(HasSubstr("2 kernels: "), HasSubstr("2 transport versions of the component: "),
+                               HasSubstr("2 versions of ontime: ")));
+}
+
 TEST(Words, LargeNumbersHaveNoExponent) {
   EXPECT_EQ(megabits(38.24e6), "38.24");
   EXPECT_EQ(megabits(9999.4e6), "9999");

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "report/comparison.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -194,6 +195,13 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   add(missed);  // the exit code tells of these
   add(open);
   add(none, Remark::Weight::not_applied);
+  // Each once, and those of the same rows together.
+  std::vector<std::pair<std::string, std::vector<std::size_t>>> mixtures;
+  for (std::size_t i = 0; i < entries.size(); ++i)
+    for (const auto& text : mixed(entries[i].runs)) entry_of(mixtures, text).push_back(i);
+  std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> by_rows;
+  for (const auto& [text, places] : mixtures) entry_of(by_rows, places).push_back(text);
+  for (const auto& [places, texts] : by_rows) about(places, come_from + join(texts, "; "));
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
   for (const auto* run : runs) {

@@ -87,6 +87,11 @@ std::vector<Difference> other_differences(const Comparison&, const Comparison::P
 std::vector<Difference> by_importance(const std::vector<Difference>&);
 bool is_requested(const Difference&);
 
+// What differs between repetitions, which share a row, though their numbers depend on it: "2 kernels: 5.10
+// and 6.1".
+std::vector<std::string> mixed(const Comparison::Runs&);
+inline constexpr const char* come_from = "repetitions come from ";
+
 // The keys of a scenario that are not the same in two runs: "deadline: 10 ms → 5 ms".
 std::vector<std::string> key_differences(const statistics::Summary&, const statistics::Summary&);
 

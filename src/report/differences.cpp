@@ -124,6 +124,33 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
   return found;
 }
 
+std::vector<std::string> mixed(const Comparison::Runs& runs) {
+  constexpr std::size_t most_named = 3;
+  constexpr std::pair<const char*, const char*> of_a_host[] = {{"hostname", "machines"},
+                                                               {"cpu_model", "CPU models"},
+                                                               {"kernel_release", "kernels"},
+                                                               {"transport version", "transport versions"}};
+  if (runs.size() < 2) return {};
+  auto values = values_of(runs);
+  std::vector<std::string> several;
+  const auto add = [&](const std::set<std::string>& all, const std::string& what) {
+    if (all.size() < 2) return;
+    std::vector<std::string> named(all.begin(), all.end());
+    if (named.size() > most_named) named.resize(most_named);
+    several.push_back(fmt::format("{} {}: {}{}", all.size(), what, join(named, " and "),
+                                  all.size() > most_named ? " …" : ""));
+  };
+  for (const auto& [fact, what] : of_a_host) {
+    const auto &controller = values[fmt::format("controller {}", fact)],
+               &component = values[fmt::format("component {}", fact)];
+    const bool is_of_both = controller == component;
+    add(controller, fmt::format("{}{}", what, is_of_both ? "" : " of the controller"));
+    if (!is_of_both) add(component, fmt::format("{} of the component", what));
+  }
+  add(values["ontime"], "versions of ontime");
+  return several;
+}
+
 std::vector<std::string> key_differences(const statistics::Summary& from, const statistics::Summary& to) {
   std::vector<std::string> differences, told;
   const auto add = [&](const std::string& key, const std::string& before, const std::string& after) {

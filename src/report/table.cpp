@@ -7,6 +7,7 @@
 
 #include "gate/gate.hpp"
 #include "report/answer.hpp"
+#include "report/comparison.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -102,6 +103,7 @@ Table spread_table(const Group& group, const Summaries& summaries) {
                           {"p99.9", right, false, 1},
                           {"Max"},
                           {"Missed\n(%)"}}};
+  std::vector<std::string> mixtures;
   for (const auto& [label, all] : alike(group)) {
     Group runs;
     std::ranges::copy_if(all, std::back_inserter(runs), [&](const auto* run) {
@@ -129,8 +131,11 @@ Table spread_table(const Group& group, const Summaries& summaries) {
         {label, fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99), time(Figure::p99_9),
          time(Figure::max),
          knows_misses ? text(statistics::estimate(missed)->median, fewest, most, percent) : nothing});
+    if (const auto mixture = mixed(runs); !mixture.empty())
+      mixtures.push_back(label + ": " + come_from + join(mixture, "; ") + ".");
   }
-  if (!table.rows.empty()) table.conditions = "Median of the runs [lowest, highest].";
+  mixtures.insert(mixtures.begin(), "Median of the runs [lowest, highest].");
+  if (!table.rows.empty()) table.conditions = join(mixtures, " ");
   return table;
 }
 
