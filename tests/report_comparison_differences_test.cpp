@@ -29,6 +29,26 @@ TEST(Compare, ShowsWhatElseDiffers) {
   EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("also different")));
 }
 
+TEST(Compare, ConfigurationThatDiffersAtItsEndIsNamed) {
+  const std::string path = "ontime, /home/me/workspace/install/share/robot/config/cyclonedds_profile.xml";
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  const auto set = [](std::vector<Summary>& runs, const std::string& value) {
+    for (const auto* host : {"controller", "component"})
+      amend(runs[0].run.outcome, fmt::format("/hosts/{}/transport/facts/configuration", host), value);
+  };
+  const auto found = [&] {
+    return parsed_json(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
+  };
+  set(a, path + " (content 000000000001)");
+  set(b, path + " (content 000000000001)");
+  EXPECT_EQ(found(), json::array());
+  set(b, path + " (content 000000000002)");
+  ASSERT_EQ(found().size(), 2U);
+  EXPECT_EQ(found()[0].at("what"), "component configuration");
+  EXPECT_THAT(found()[0].at("from").get<std::string>(), HasSubstr("000000000001"));
+  EXPECT_THAT(found()[0].at("to").get<std::string>(), HasSubstr("000000000002"));
+}
+
 TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
   const auto settings = [](const char* realtime) {
     conditions::Run with;

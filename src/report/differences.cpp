@@ -27,7 +27,22 @@ void add(Values& values, const std::string& name, const json& value) {
   if (value.is_object() && !value.empty()) {
     for (const auto& [key, member] : value.items()) add(values, name + " " + printable(key), member);
   } else if (!value.is_null()) {
-    values[name].insert(shortened(word(value), longest_difference));
+    values[name].insert(word(value));
+  }
+}
+
+// As long as there is space for; what differs stays in sight.
+template <class... Sets>
+void shorten(Sets&... all) {
+  std::vector<std::vector<std::string>> rows;
+  for (const auto* values : {&all...})
+    for (const auto& value : *values) rows.push_back({value});
+  shorten_names(rows, 0, longest_difference);
+  auto row = rows.begin();
+  for (auto* values : {&all...}) {
+    std::set<std::string> shorter;
+    for (auto left = values->size(); left > 0; --left) shorter.insert((row++)->front());
+    *values = std::move(shorter);
   }
 }
 
@@ -68,6 +83,8 @@ Values values_of(const Comparison::Runs& runs) {
           if (!of_the_moment.contains(key)) add(values, of + " " + printable(key), value);
       add_text(of + " transport name", host.transport.name);
       add_text(of + " transport version", host.transport.version);
+      if (const auto found = host.transport.facts.find("configuration"); found != host.transport.facts.end())
+        add_text(of + " configuration", found->second);
       if (host.load_running == false)
         add(values, of + " load_running", false);  // else it follows from the load
       for (const auto& refusal : host.refusals)
@@ -80,7 +97,7 @@ Values values_of(const Comparison::Runs& runs) {
 // In the words of a key, where one is given.
 std::string one_of(const Values& values, const std::string& name, const conditions::Key* key = nullptr) {
   const auto found = values.find(name);
-  if (found == values.end()) return nothing;
+  if (found == values.end() || found->second.empty()) return nothing;
   const auto words = [&](const auto& value) {
     return key == nullptr ? value : words_of_value(key->path, value);
   };
@@ -110,7 +127,7 @@ std::string text_of(const std::string& name, const Values& before, const Values&
 std::vector<Difference> differences(const Comparison::Pair& pair) {
   const auto from = whole(pair.from), to = whole(pair.to);
   if (from.empty() || to.empty()) return {};
-  const auto before = values_of(from), after = values_of(to);
+  auto before = values_of(from), after = values_of(to);
   auto own = own_settings_of(from);
   own.merge(own_settings_of(to));
   std::set<std::string> names;
@@ -118,9 +135,12 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
     for (const auto& [name, all] : *values)
       if (!name.starts_with(realtime_settings) || own.contains(name)) names.insert(name);
   std::vector<Difference> found;
-  for (const auto& name : names)
-    if (const auto one = one_of(before, name), other = one_of(after, name); one != other)
-      found.push_back({name, one, other, text_of(name, before, after)});
+  for (const auto& name : names) {
+    auto &one = before[name], &other = after[name];
+    if (one == other) continue;
+    shorten(one, other);
+    found.push_back({name, one_of(before, name), one_of(after, name), text_of(name, before, after)});
+  }
   return found;
 }
 
@@ -129,12 +149,14 @@ std::vector<std::string> mixed(const Comparison::Runs& runs) {
   constexpr std::pair<const char*, const char*> of_a_host[] = {{"hostname", "machines"},
                                                                {"cpu_model", "CPU models"},
                                                                {"kernel_release", "kernels"},
-                                                               {"transport version", "transport versions"}};
+                                                               {"transport version", "transport versions"},
+                                                               {"configuration", "configurations"}};
   if (runs.size() < 2) return {};
   auto values = values_of(runs);
   std::vector<std::string> several;
-  const auto add = [&](const std::set<std::string>& all, const std::string& what) {
+  const auto add = [&](std::set<std::string> all, const std::string& what) {
     if (all.size() < 2) return;
+    shorten(all);
     std::vector<std::string> named(all.begin(), all.end());
     if (named.size() > most_named) named.resize(most_named);
     several.push_back(fmt::format("{} {}: {}{}", all.size(), what, join(named, " and "),

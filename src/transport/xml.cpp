@@ -3,7 +3,10 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cstdint>
 #include <fstream>
+#include <iomanip>
+#include <iterator>
 #include <sstream>
 #include <system_error>
 
@@ -16,10 +19,25 @@ namespace ontime::transport::xml {
 using boost::algorithm::iequals;
 namespace reader = boost::property_tree::xml_parser;
 
+namespace {
+
+// 48 bits of FNV-1a: enough to tell the texts of one user apart.
+std::string hash_of(const std::string& text) {
+  std::uint64_t hash = 0xcbf29ce484222325;
+  for (const unsigned char byte : text) hash = (hash ^ byte) * 0x100000001b3;
+  std::ostringstream out;
+  out << std::hex << std::setw(12) << std::setfill('0') << (hash >> 16U);
+  return out.str();
+}
+
+}  // namespace
+
 Document parse(std::istream& in, const std::string& origin, const std::string& who) {
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  std::istringstream again(text);
   try {
-    Document document{origin, {}};
-    read_xml(in, document.tree, reader::no_comments | reader::trim_whitespace);
+    Document document{origin, {}, hash_of(text)};
+    read_xml(again, document.tree, reader::no_comments | reader::trim_whitespace);
     return document;
   } catch (const reader::xml_parser_error& error) {
     throw Error(who + ": " + origin + ", line " + std::to_string(error.line()) + ": " + error.message());

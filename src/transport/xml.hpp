@@ -16,6 +16,9 @@ using Tree = boost::property_tree::ptree;
 struct Document {
   std::string origin;  // for people: a file, or a variable
   Tree tree;
+  std::string hash = {};  // of its text
+  // "/home/me/cyclonedds.xml (content 1a2b3c4d5e6f)": the same file may have another content in another run.
+  std::string source() const { return origin + " (content " + hash + ")"; }
 };
 
 // Both throw Error that begins with `who` and names the origin: the line that is not XML, or the missing file

@@ -209,7 +209,7 @@ Configuration configuration(const Config& config) {
         ", but ontime can bind only UDPv4 to an interface. Fix: name no interface, or remove the "
         "transport from the XML");
   for (Document& document : documents) {
-    result.source += ", " + document.origin;
+    result.source += ", " + document.source();
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
       result.source += " without its interfaces";
     if (config.security && erase_security(document.tree)) result.source += " without its security and trace";

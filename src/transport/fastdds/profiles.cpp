@@ -140,7 +140,7 @@ Profiles profiles(const Config& config, const std::string& who, const Names& nam
       result.source += ", " + ignored;
   std::vector<Document> documents = users_documents(config, who, names);
   for (Document& document : documents) {
-    result.source += ", " + document.origin;
+    result.source += ", " + document.source();
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
       result.source += " without its transports";
   }
