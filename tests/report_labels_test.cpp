@@ -247,8 +247,8 @@ TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
   small["variant"] = "load.controller.vm-bytes 1 MiB";
   large["variant"] = "load.controller.vm-bytes 1 GiB";
   EXPECT_THAT(render({summary(small, outcome()), summary(large, outcome())}, Format::table),
-              AllOf(HasSubstr("\nudp load: 2 vm of 1 MiB on the controller\n"),
-                    HasSubstr("\nudp load: 2 vm of 1024 MiB on the controller\n")));
+              AllOf(HasSubstr("\nudp load: 2 vm of 1 MiB on the controller (NOT APPLIED)\n"),
+                    HasSubstr("\nudp load: 2 vm of 1024 MiB on the controller (NOT APPLIED)\n")));
   large["load"]["controller"]["cpu"] = 8;
   EXPECT_THAT(render({summary(large, outcome())}, Format::markdown),
               HasSubstr("load: 8 cpu, 2 vm of 1024 MiB on the controller"));

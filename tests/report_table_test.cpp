@@ -47,7 +47,8 @@ TEST(TableFormat, ShowsAPercentileOnlyIfThereAreAnswersToTellIt) {
   const auto cells = [](std::size_t answers) {
     return row_of(render({summary(asked("a", "udp"), outcome(), answers)}, Format::table), "udp");
   };
-  EXPECT_THAT(cells(0), ElementsAre("udp", "-", "-", "-", "-", "-", "-", "-", "-", "0/0", "0/0"));
+  EXPECT_THAT(cells(0),
+              ElementsAre("udp", "(NOT", "APPLIED)", "-", "-", "-", "-", "-", "-", "-", "-", "0/0", "0/0"));
   EXPECT_EQ(cells(1).at(3), "-");
   EXPECT_EQ(cells(2).at(3), "~1.0");
   EXPECT_EQ(cells(19).at(3), "~10.0");
@@ -200,8 +201,7 @@ TEST(TableFormat, MarksAStageThatTheSampleDoesNotSupport) {
 
 TEST(TableFormat, GivesWholeMicrosecondsFromAHundredOn) {
   const auto shown = [](std::int64_t ns) {
-    Summary one{};
-    one.run.asked = asked("a", "udp");
+    auto one = summary(asked("a", "udp"), outcome());
     std::vector<std::int64_t> values = {ns};
     one.round_trip = statistics::distribution(values);
     return row_of(render({one}, Format::table), "udp").at(1);

@@ -8,8 +8,10 @@
 namespace ontime::report {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::StartsWith;
 
 TEST(Json, HasEveryKeyThatIsPromised) {
@@ -315,6 +317,36 @@ TEST(Latex, HasNoLetterThatPdflatexDoesNotKnow) {
                         "\\texttt{U+0167} \\texttt{U+1F600}"));
 }
 
+TEST(Latex, RowSaysThatItsRunWasNotAsRequested) {
+  std::vector runs{summary(asked("a", "udp"), outcome()), summary(asked("a", "fastdds"), outcome()),
+                   summary(asked("a", "cyclonedds"), outcome())};
+  amend(runs[1].run.outcome, "/hosts/controller/load_running", false);
+  const auto complete = render(runs, Format::latex);
+  EXPECT_THAT(complete, AllOf(HasSubstr("\nudp & 1.0 &"), HasSubstr("\nfastdds (NOT APPLIED) & 1.0 &"),
+                              Not(HasSubstr("20 s requested"))));
+  amend(runs[2].run.outcome, "/interrupted", true);
+  EXPECT_THAT(render(runs, Format::markdown),
+              AllOf(HasSubstr("| fastdds (NOT APPLIED) | 1.0 |"), HasSubstr("| cyclonedds (CUT OFF) | 1.0 |"),
+                    HasSubstr(", 20 s requested")))
+      << "not all of them took so long";
+}
+
+TEST(Latex, ConditionsAndSignsArePrintedBelowTheTable) {
+  const auto text = render({summary(asked("a", "udp"), outcome(), 500)}, Format::latex);
+  const auto from = text.find("\\end{tabular}");
+  const auto below = text.substr(from, text.find("\\end{table*}") - from);
+  EXPECT_THAT(below, AllOf(HasSubstr("500 B, every 10 ms"), HasSubstr("\nMissed deadlines: "),
+                           HasSubstr("\\textasciitilde{}: fewer than 10"), Not(HasSubstr("\n%"))));
+}
+
+TEST(Latex, ColumnsWithoutAValueAreLeftOut) {
+  const auto few = summary(asked("a", "udp"), outcome(), 500);
+  const auto text = render({few}, Format::latex);
+  EXPECT_THAT(text, AllOf(HasSubstr(" & p99 & Max & "), Not(HasSubstr("too few messages, or unknown"))));
+  EXPECT_THAT(render({few, summary(asked("a", "fastdds"), outcome(), 2000)}, Format::latex),
+              AllOf(HasSubstr(" & p99 & p99.9 & Max & "), HasSubstr("too few messages, or unknown")));
+}
+
 TEST(Latex, LeavesNoMoreTablesWithoutAPlaceThanItMay) {
   std::vector<Summary> ids;
   for (int i = 0; i < 40; ++i) ids.push_back(summary(asked("id" + std::to_string(i), "udp"), outcome()));
@@ -332,7 +364,8 @@ TEST(Latex, MakesOneTableAnId) {
                             summary(asked("a", "fastdds"), outcome())},
                            Format::latex);
   const auto lines = lines_of(text);
-  EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\begin{tabular}{|l|r|r|r|r|r|r|r|r|r|r|}"), 2);
+  EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\begin{tabular}{|l|r|r|r|r|r|r|r|r|r|}"), 2)
+      << "of p99.99 are too few";
   EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\end{tabular}"), 4) << "and one of the stages";
 }
 

@@ -212,7 +212,7 @@ std::string table_legend(const Summaries& summaries) {
   if (std::ranges::any_of(summaries, differs_by_response))
     legend += " Late by response time: cycles without an answer within the deadline after they were due.";
   legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
-  if (any_of_paper(summaries)) legend += replace_all(paper_legend, "'", "’");
+  if (any_of_paper(summaries)) legend += " " + replace_all(paper_legend, "'", "’");
   return legend;
 }
 

@@ -75,6 +75,10 @@ Answer::State state_of(const statistics::Summary&, std::optional<std::int64_t> r
 // for another reason.
 std::optional<Answer::Spread> spread_of(const std::vector<const statistics::Summary*>&, statistics::Figure);
 const char* word_of(Answer::State);  // "ok", "LATE", "NOT APPLIED" …
+// " (NOT APPLIED)", of repetitions the gravest: what makes numbers others than those that were requested.
+// Else empty.
+std::string unfit_mark(const std::vector<const statistics::Summary*>&,
+                       std::optional<std::int64_t> running_from = {});
 
 // For answer_of(): the commands that follow, each about one run. Null: no such run.
 struct Findings {

@@ -249,6 +249,12 @@ State state_of(const Summary& run, std::optional<std::int64_t> running_from) {
   return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
 }
 
+std::string unfit_mark(const Group& runs, std::optional<std::int64_t> running_from) {
+  auto worst = State::imported;
+  for (const auto* run : runs) worst = std::max(worst, state_of(*run, running_from));
+  return worst > State::late ? fmt::format(" ({})", word_of(worst)) : "";
+}
+
 bool has_note(const Summary& run, const char* kind) {
   return std::ranges::find(run.notes, kind, &record::Note::kind) != run.notes.end();
 }

@@ -273,9 +273,12 @@ std::vector<std::string> labels_apart(const Group& group) {
 }
 
 std::vector<std::string> shared_conditions(const Group& group) {
+  const bool have_ended =
+      std::ranges::all_of(group, [](const auto* run) { return statistics::is_complete(run->run); });
   std::vector<std::string> texts;
   for (const auto& phrase : compare(group).shared)
-    if (!phrase.in_labels_alone) texts.push_back(phrase.text);
+    if (!phrase.in_labels_alone)
+      texts.push_back(phrase.text + (phrase.key == "duration" && !have_ended ? " requested" : ""));
   return texts;
 }
 

@@ -22,7 +22,7 @@ struct PaperRow {
 };
 const std::vector<PaperRow>& paper();
 inline constexpr const char* paper_legend =
-    " paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 hours). "
+    "paper's: Gutiérrez, San Vicente et al. (2018), two machines, DDS 1 to 3, 10 minutes (Test5: 12 hours). "
     "The paper's load: 8 workers of each kind on the controller, 2 on the component.";
 
 // The rows that are comparable with a run: the same id, period, deadline, payload, schedule, real-time

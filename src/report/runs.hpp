@@ -45,7 +45,7 @@ std::string text_of(const record::LateCause&);
 std::string text_of(const record::Note&);                    // in every output: its cause, if that is known
 nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);
-table::Page page_of(const Summaries&);
+table::Page page_of(const Summaries&, std::optional<std::int64_t> running_from = {});
 
 // Whether judging by response time (from the due time, not from sending) gives another number of misses than
 // late + lost: then it has its own column.

@@ -128,8 +128,8 @@ Table spread_table(const Group& group, const Summaries& summaries) {
       return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
     });
     table.rows.push_back(
-        {label, fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99), time(Figure::p99_9),
-         time(Figure::max),
+        {label + unfit_mark(runs), fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
+         time(Figure::p99_9), time(Figure::max),
          knows_misses ? text(statistics::estimate(missed)->median, fewest, most, percent) : nothing});
     if (const auto mixture = mixed(runs); !mixture.empty())
       mixtures.push_back(label + ": " + come_from + join(mixture, "; ") + ".");
@@ -139,7 +139,8 @@ Table spread_table(const Group& group, const Summaries& summaries) {
   return table;
 }
 
-std::vector<Table> tables_of(const Group& interleaved, const Summaries& summaries) {
+std::vector<Table> tables_of(const Group& interleaved, const Summaries& summaries,
+                             std::optional<std::int64_t> running_from) {
   Group group;
   for (const auto& [label, runs] : alike(interleaved)) group.insert(group.end(), runs.begin(), runs.end());
   const bool by_response =
@@ -150,7 +151,8 @@ std::vector<Table> tables_of(const Group& interleaved, const Summaries& summarie
               .columns = columns(group, by_response),
               .notes = parts_of(group)};
   if (!asked.title.empty()) table.title += "  " + printable(asked.title);
-  const auto labels = labels_apart(group);
+  auto labels = labels_apart(group);
+  for (std::size_t i = 0; i < group.size(); ++i) labels[i] += unfit_mark({group[i]}, running_from);
   for (std::size_t i = 0; i < group.size(); ++i) table.rows.push_back(row(labels[i], *group[i], by_response));
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
@@ -187,48 +189,56 @@ std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
   return lines;
 }
 
-// Of a robot's own messages, and of round trips.
-std::string judged_by(const Summaries& summaries) {
-  std::string text;
+// What columns and signs of these tables mean.
+std::string legend_of(const std::vector<Table>& tables, const Summaries& summaries) {
   const auto any = [&](auto&& is_meant) { return std::ranges::any_of(summaries, is_meant); };
-  const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
-  if (any(is_listened))
-    text =
-        "Age: from the writer's timestamp (of a bag: header.stamp, or publish time) until the message was "
-        "taken, captured or recorded. Period: from one message to the next. Late: beyond the limit. Lost: "
-        "published, and not seen there. ";
-  if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
-  text += fmt::format("Missed deadlines: answered later than {}",
-                      common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
-  if (any(differs_by_response))
-    text +=
-        "; by response time: cycles without an answer that long after they were due, of all cycles, "
-        "including those without a message";
-  return text +
-         fmt::format(". Message loss: not answered within {}. ",
-                     common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
-}
-
-std::string legend_of(const Page& page, const Summaries& summaries) {
-  auto legend = judged_by(summaries);
-  legend.pop_back();
-  const auto any_cell = [&](auto predicate) {
-    return std::ranges::any_of(page.tables, [&](const Table& table) {
+  const auto has_column = [&](std::string_view name) {
+    return std::ranges::any_of(tables, [&](const Table& table) {
+      return std::ranges::find(table.columns, name, &Column::name) != table.columns.end();
+    });
+  };
+  const auto has_cell = [&](auto predicate) {
+    return std::ranges::any_of(tables, [&](const Table& table) {
       return std::ranges::any_of(table.rows, [&](const auto& cells) {
         return std::any_of(cells.begin() + 1, cells.end(), predicate);
       });
     });
   };
-  if (any_cell([](const std::string& cell) { return cell.starts_with('~'); }))
-    legend += " ~: fewer than 10 messages were slower.";
-  if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
-    legend += " [low, high]: 95 % confidence interval.";
-  if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
-    legend += " ≥: lower limit only; the effective sample size is too small for an upper limit.";
-  if (any_cell([](const std::string& cell) { return cell == nothing; }))
-    legend += " -: too few messages, or unknown.";
-  if (any_of_paper(summaries)) legend += paper_legend;
-  return legend;
+  const auto begins_with = [](std::string_view sign) {
+    return [=](const std::string& cell) { return cell.starts_with(sign); };
+  };
+  const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
+  const bool has_round_trips = has_column("Message\nloss") &&
+                               any([&](const Summary& run) { return !is_listened(run) && !run.imported; });
+  std::vector<std::string> texts;
+  if ((has_round_trips || has_column("Lost")) && any(is_listened))
+    texts.emplace_back(
+        "Age: from the writer's timestamp (of a bag: header.stamp, or publish time) until the message was "
+        "taken, captured or recorded. Period: from one message to the next. Late: beyond the limit. Lost: "
+        "published, and not seen there.");
+  if (has_round_trips) {
+    auto text = "Missed deadlines: answered later than " +
+                common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline");
+    if (any(differs_by_response))
+      text +=
+          "; by response time: cycles without an answer that long after they were due, of all cycles, "
+          "including those without a message";
+    texts.push_back(text + ".");
+    texts.push_back(
+        fmt::format("Message loss: not answered within {}.",
+                    common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out")));
+  }
+  const auto explain = [&](bool is_there, const char* text) {
+    if (is_there) texts.emplace_back(text);
+  };
+  explain(has_cell(begins_with("~")), "~: fewer than 10 messages were slower.");
+  explain(has_cell(begins_with("[")), "[low, high]: 95 % confidence interval.");
+  explain(has_cell(begins_with("≥")),
+          "≥: lower limit only; the effective sample size is too small for an upper limit.");
+  explain(has_cell([](const std::string& cell) { return cell == nothing; }),
+          "-: too few messages, or unknown.");
+  explain(has_round_trips && any_of_paper(summaries), paper_legend);
+  return join(texts, " ");
 }
 
 }  // namespace
@@ -249,7 +259,7 @@ std::string percentile(const Distribution& of, Figure figure) {
   return (above < 10 ? "~" : "") + microseconds(of[figure]);
 }
 
-Page page_of(const Summaries& summaries) {
+Page page_of(const Summaries& summaries, std::optional<std::int64_t> running_from) {
   if (summaries.empty()) return {{}, {"There are no runs."}, ""};
   Page page;
   std::vector<Group> groups;
@@ -258,13 +268,16 @@ Page page_of(const Summaries& summaries) {
         std::stable_partition(group.begin(), group.end(), [](const auto* run) { return !run->imported; });
     if (measured != group.begin()) {
       groups.emplace_back(group.begin(), measured);
-      for (auto& table : tables_of(groups.back(), summaries)) page.tables.push_back(std::move(table));
+      for (auto& table : tables_of(groups.back(), summaries, running_from))
+        page.tables.push_back(std::move(table));
     }
     if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
   }
   page.notes = remarks_of(groups);
   for (auto& refusal : refusals(summaries)) page.notes.push_back(std::move(refusal));
-  if (!groups.empty()) page.legend = legend_of(page, summaries);
+  if (groups.empty()) return page;
+  page.legend = legend_of(page.tables, summaries);
+  for (auto& table : page.tables) table.legend = legend_of({table::without_unknown(table)}, summaries);
   return page;
 }
 

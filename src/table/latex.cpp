@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <map>
 #include <string_view>
 
@@ -70,17 +71,27 @@ std::string latex_line_of(std::vector<std::string> cells) {
   return join(cells, " & ") + " \\\\ \\hline\n";
 }
 
-// A note stays with its table without being set.
+// A note stays with its table without being printed.
 std::string comment(const std::string& note) { return "% " + replace_all(note, "\n", " ") + "\n"; }
 
-std::string latex_of(const Table& table) {
+// Below the table, where readers of the document see it.
+std::string printed_below(const std::vector<std::string>& texts) {
+  std::vector<std::string> paragraphs;
+  for (const auto& text : texts)
+    if (!text.empty()) paragraphs.push_back(escape_latex(text));
+  if (paragraphs.empty()) return "";
+  return "\\par\\smallskip\n\\begin{minipage}{\\linewidth}\\footnotesize\n" + join(paragraphs, "\\par\n") +
+         "\n\\end{minipage}\n";
+}
+
+std::string latex_of(const Table& whole, const std::string& legend) {
+  const auto table = without_unknown(whole);
   std::string alignment = "|";
   for (const auto& column : table.columns) alignment += column.align == Column::Align::left ? "l|" : "r|";
   std::string text = "\\begin{table*}[ht]\n\\centering\n\\caption{" + escape_latex(table.title) + "}\n";
-  if (!table.conditions.empty()) text += comment(table.conditions);
   text += "\\begin{tabular}{" + alignment + "}\n\\hline\n" + latex_line_of(names_of(table));
   for (const auto& row : table.rows) text += latex_line_of(row);
-  text += "\\end{tabular}\n\\end{table*}\n";
+  text += "\\end{tabular}\n" + printed_below({table.conditions, legend}) + "\\end{table*}\n";
   for (const auto& note : table.notes) text += comment(note);
   return text + "\n";
 }
@@ -88,11 +99,12 @@ std::string latex_of(const Table& table) {
 }  // namespace
 
 std::string as_latex(const Page& page) {
+  const bool has_own = std::ranges::any_of(page.tables, [](const Table& one) { return !one.legend.empty(); });
   std::string text;
   for (std::size_t i = 0; i < page.tables.size(); ++i)
-    text += (i > 0 && i % most_unplaced == 0 ? "\\clearpage\n" : "") + latex_of(page.tables[i]);
+    text += (i > 0 && i % most_unplaced == 0 ? "\\clearpage\n" : "") +
+            latex_of(page.tables[i], has_own ? page.tables[i].legend : page.legend);
   for (const auto& note : page.notes) text += comment(note);
-  if (!page.legend.empty()) text += comment(page.legend);
   return text;
 }
 

@@ -73,6 +73,7 @@ struct Table {
   std::vector<std::vector<std::string>> rows = {};
   // What follows a '\n' in one stays on its line, so that a command can be copied.
   std::vector<std::string> notes = {};
+  std::string legend = {};  // of this table alone, for a form that has no page around it
 };
 
 inline std::vector<std::string> names_of(const Table& table) {
@@ -92,6 +93,7 @@ struct Page {
 // terminal needs it.
 Page printable(Page);
 Page without_drawings(Page);
+Table without_unknown(Table);  // columns whose cells are all unknown, "-"
 
 // Lines of at most `width` columns where cells and words allow it: a table that is wider drops columns, or
 // has the names of its rows on lines of their own.

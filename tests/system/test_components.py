@@ -41,7 +41,7 @@ class Components(Program):
                 answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
                 self.assertEqual(answer.returncode, 0, answer.stderr)
                 for name in ("left_arm", "base"):
-                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name}\s+\d")  # a narrow table has the name on a line of its own
+                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name}( \(.*\))?\s+\d")  # a narrow table has the name on a line of its own
                 arm, base = self.report()
                 self.assertNotEqual(arm["key"], base["key"])
                 addresses = set()
