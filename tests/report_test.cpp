@@ -164,7 +164,10 @@ TEST(Csv, HasAStableHeader) {
       "wrong_size,wrong_server_times,request_leg_us_min,request_leg_us_mean,request_leg_us_p50,"
       "request_leg_us_p90,request_leg_us_p99,request_leg_us_p99.9,request_leg_us_p99.99,request_leg_us_max,"
       "reply_leg_us_min,reply_leg_us_mean,reply_leg_us_p50,reply_leg_us_p90,reply_leg_us_p99,"
-      "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max,extremes_exceedance"));
+      "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max,extremes_exceedance,"
+      "state,started_at,measures,conditions_text,component,duration_s,controller_hostname,"
+      "controller_kernel_release,controller_transport_version,component_hostname,component_kernel_release,"
+      "component_transport_version,ontime"));
 }
 
 TEST(Json, BurstsAreUnknownWhereOnlyTheWorstMessagesAreKept) {
@@ -212,6 +215,11 @@ TEST(Csv, SaysWhatTheJsonSays) {
       if (!value.is_structured()) expected[key] = value;
     for (const auto& [key, value] : run.at("conditions").at("qos").items()) expected["qos_" + key] = value;
     if (i == 0) expected["parts_error_us"] = run.at("parts").at("error_us");
+    expected["ontime"] = run.at("provenance").at("ontime");
+    if (i == 0)
+      for (const auto* host : {"controller", "component"})
+        expected[host + std::string("_transport_version")] =
+            run.at("hosts").at(host).at("transport").at("version");
     const auto row = row_by_name(csv, i);
     std::size_t found = 0;
     for (const auto& [name, field] : row) {
@@ -224,6 +232,25 @@ TEST(Csv, SaysWhatTheJsonSays) {
     }
     EXPECT_GT(found, 30u);
   }
+}
+
+TEST(Csv, TellsFitRunsFromOthersAndWhenTheyBegan) {
+  std::vector runs{summary(asked("a", "udp"), outcome()), summary(asked("a", "udp", 2), outcome()),
+                   summary(asked("a", "udp", 3), nullptr)};
+  for (auto& run : runs) run.late_by_response = 0;
+  amend(runs[1].run.outcome, "/hosts/controller/load_running", false);
+  runs[0].run.started_at = "2026-11-30T17:20:05.123Z";
+  runs[1].run.started_at = "2026-11-30T17:31:00.000Z";
+  runs[2].run.number = 3;
+  const auto csv = render(runs, Format::csv, {.file = "x", .running_from = 3});
+  std::vector<std::string> states;
+  for (std::size_t i = 0; i < runs.size(); ++i) states.push_back(row_by_name(csv, i).at("state"));
+  EXPECT_THAT(states, ElementsAre("ok", "NOT APPLIED", "running"));
+  EXPECT_EQ(row_by_name(csv, 0).at("started_at"), "2026-11-30T17:20:05.123Z");
+  EXPECT_THAT(row_by_name(csv, 0).at("conditions_text"), HasSubstr("500 B, every 10 ms"));
+  EXPECT_THAT(render(runs, Format::markdown), HasSubstr("2026-11-30 17:20 to 17:31 UTC"));
+  runs[1].run.started_at = "yesterday";
+  EXPECT_THAT(render(runs, Format::markdown), HasSubstr("start of the run: 2026-11-30 17:20 UTC"));
 }
 
 TEST(Csv, HasAColumnForEachOption) {

@@ -371,6 +371,7 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
     const std::vector<Shown> groups(by_ids.begin(), by_ids.end());
     body += table_of(groups, std::ranges::any_of(measured, differs_by_response));
     body += note_as_html(table_legend(measured));
+    if (const auto when = when_of(measured); !when.empty()) body += note_as_html(when);
     body +=
         "<noscript><p class=\"note\">The figures need JavaScript, which is off. The tables do "
         "not.</p></noscript>\n";

@@ -159,7 +159,7 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
   Ascending in_order(*connection_, "run", 1);
   // Without a beginning that is named nothing is passed over, whatever number it has.
   Statement row(*connection_,
-                fmt::format("SELECT number, asked, outcome, start_ns FROM run{} ORDER BY number",
+                fmt::format("SELECT number, asked, outcome, start_ns, started_at FROM run{} ORDER BY number",
                             from ? " WHERE number >= ?" : "")
                     .c_str());
   if (from) row.bind(*from);
@@ -170,7 +170,8 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
     auto key = key_of(asked);  // not the column: format 1 has none, and this one is right
     auto start_ns = row.optional_integer(3);
     if (!can_be(start_ns.value_or(0))) start_ns.reset();
-    runs.push_back({number, std::move(asked), std::move(outcome), std::move(key), start_ns});
+    runs.push_back(
+        {number, std::move(asked), std::move(outcome), std::move(key), start_ns, utf8_of(text_in(row, 4))});
   }
   return runs;
 }

@@ -42,6 +42,7 @@ struct Run {
   // When its first message was due: the client's clock, as of the samples, which may begin later. Nothing: no
   // message was sent.
   std::optional<std::int64_t> start_ns{};
+  std::string started_at{};  // UTC: "2026-11-21T02:07:38.181Z", as the file has it
 };
 
 // The input of the key, in one form for all versions.

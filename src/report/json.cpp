@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "report/answer.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -119,18 +120,29 @@ std::vector<Field> fields() {
   for (const auto* key : {"wrong_size", "wrong_server_times"}) fields.push_back({key, {key}});
   for (const auto* name : {"request_leg_us", "reply_leg_us"}) add_distribution(name);
   fields.push_back({"extremes_exceedance", {"extremes", "exceedance"}});
+  for (const auto* key : {"state", "started_at", "measures", "conditions_text"})
+    fields.push_back({key, {key}});
+  for (const auto* key : {"component", "duration_s"}) fields.push_back({key, {"conditions", key}});
+  for (const auto* host : {"controller", "component"}) {
+    for (const auto* fact : {"hostname", "kernel_release"})
+      fields.push_back({fmt::format("{}_{}", host, fact), {"hosts", host, "machine", fact}});
+    fields.push_back({fmt::format("{}_transport_version", host), {"hosts", host, "transport", "version"}});
+  }
+  fields.push_back({"ontime", {"provenance", "ontime"}});
   return fields;
 }
 
 }  // namespace
 
-ordered_json json_of(const statistics::Summary& summary) {
+ordered_json json_of(const statistics::Summary& summary, std::optional<std::int64_t> running_from) {
   const auto& asked = summary.run.asked.document;
   const auto& outcome = summary.run.outcome.document;
   ordered_json run = {{"run", summary.run.number}};
   run["key"] = or_null(summary.run.key);
   run.update(some_of(asked, {"id", "title", "variant", "measures", "repetition", "transport", "payload_bytes",
                              "period_us", "deadline_us", "timeout_us", "schedule", "realtime"}));
+  run["started_at"] = or_null(summary.run.started_at);
+  run["state"] = word_of(state_of(summary, running_from));
   run["complete"] = statistics::is_complete(summary.run);
   run.update(some_of(outcome, {"interrupted", "error"}));
   run["sent"] = summary.sent;
@@ -164,6 +176,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["remarks"] = or_null(remarks(summary));
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));
+  run["conditions_text"] = join(shared_conditions({&summary}), ", ");
   run["conditions"] =
       some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "security", "domain",
                       "ping_topic", "pong_topic", "interface", "launch_us", "realtime_settings",
@@ -183,7 +196,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   return run;
 }
 
-std::string csv_of(const Summaries& summaries) {
+std::string csv_of(const Summaries& summaries, std::optional<std::int64_t> running_from) {
   const auto columns = fields();
   const auto options = OptionColumns(summaries);
   auto header = texts_of(columns, &Field::name);
@@ -191,7 +204,7 @@ std::string csv_of(const Summaries& summaries) {
 
   std::vector<std::vector<std::string>> rows;
   for (const auto& summary : summaries) {
-    const auto run = json_of(summary);
+    const auto run = json_of(summary, running_from);
     rows.emplace_back();
     for (const auto& column : columns) rows.back().push_back(cell_at(run, column.path));
     options.add_values(rows.back(), summary);

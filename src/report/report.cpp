@@ -19,12 +19,13 @@ std::string page_text(const Page& unchecked, Format format, std::size_t width) {
 }  // namespace
 
 std::string render(const Summaries& summaries, Format format, const Origin& origin, std::size_t width) {
-  if (format == Format::csv) return csv_of(summaries);
+  if (format == Format::csv) return csv_of(summaries, origin.running_from);
   if (format != Format::json) return page_text(page_of(summaries, origin.running_from), format, width);
   return json_text(nlohmann::ordered_json{
       {"ontime", ONTIME_VERSION},
       {"answer", json_of(answer_of(summaries, origin))},
-      {"runs", array_of(summaries, [](const auto& summary) { return json_of(summary); })},
+      {"runs",
+       array_of(summaries, [&](const auto& summary) { return json_of(summary, origin.running_from); })},
       {"searches", searches_json_of(summaries)}});
 }
 

@@ -42,9 +42,12 @@ struct SameCause {
 std::vector<SameCause> same_causes_of(const std::vector<const record::Note*>&);
 // One line: "2026-11-25 03:50:43  26.1 ms old (limit 5 ms): …; fix: …".
 std::string text_of(const record::LateCause&);
-std::string text_of(const record::Note&);                    // in every output: its cause, if that is known
-nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
-std::string csv_of(const Summaries&);
+std::string text_of(const record::Note&);  // in every output: its cause, if that is known
+// docs/reference/json.md. `running_from`: as in Origin.
+nlohmann::ordered_json json_of(const statistics::Summary&, std::optional<std::int64_t> running_from = {});
+std::string csv_of(const Summaries&, std::optional<std::int64_t> running_from = {});
+// "starts of the runs: 2026-11-30 17:20 to 17:31 UTC", of the first and the last. Empty: not known.
+std::string when_of(const Summaries&);
 table::Page page_of(const Summaries&, std::optional<std::int64_t> running_from = {});
 
 // Whether judging by response time (from the due time, not from sending) gives another number of misses than

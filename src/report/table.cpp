@@ -259,6 +259,24 @@ std::string percentile(const Distribution& of, Figure figure) {
   return (above < 10 ? "~" : "") + microseconds(of[figure]);
 }
 
+std::string when_of(const Summaries& summaries) {
+  constexpr std::size_t minutes = sizeof("2026-11-30T17:20") - 1, date = sizeof("2026-11-30") - 1;
+  std::vector<std::string> starts;
+  for (const auto& summary : summaries) {
+    const auto& words = summary.run.asked.command_line;
+    const bool is_imported = summary.imported || (words.size() > 1 && words[1] == "import");
+    auto at = summary.run.started_at.substr(0, minutes);
+    if (is_imported || at.size() < minutes || at[date] != 'T') continue;
+    at[date] = ' ';
+    starts.push_back(printable(at));
+  }
+  if (starts.empty()) return "";
+  const auto [first, last] = std::ranges::minmax(starts);
+  const bool same_day = first.substr(0, date) == last.substr(0, date);
+  return fmt::format("{}: {}{} UTC", starts.size() == 1 ? "start of the run" : "starts of the runs", first,
+                     first == last ? "" : " to " + (same_day ? last.substr(date + 1) : last));
+}
+
 Page page_of(const Summaries& summaries, std::optional<std::int64_t> running_from) {
   if (summaries.empty()) return {{}, {"There are no runs."}, ""};
   Page page;
@@ -274,6 +292,7 @@ Page page_of(const Summaries& summaries, std::optional<std::int64_t> running_fro
     if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
   }
   page.notes = remarks_of(groups);
+  if (auto when = when_of(summaries); !when.empty()) page.notes.push_back(std::move(when));
   for (auto& refusal : refusals(summaries)) page.notes.push_back(std::move(refusal));
   if (groups.empty()) return page;
   page.legend = legend_of(page.tables, summaries);
