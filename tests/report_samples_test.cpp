@@ -38,14 +38,36 @@ class Export : public ::testing::Test {
     });
     return text;
   }
-  void add(const json& asked, const std::vector<Sample>& samples) {
+  void add(const json& asked, const std::vector<Sample>& samples, const json& outcome = report::outcome()) {
     const auto run = writer_.begin_run(asked);
     writer_.append(run, samples);
-    writer_.end_run(run, outcome());
+    writer_.end_run(run, outcome);
   }
   record::Writer writer_{""};
   std::size_t longest_ = 0;
 };
+
+TEST_F(Export, LinesTellOfWhichRunTheyAre) {
+  auto first = asked("a", "udp"), second = first;
+  first.update({{"variant", "payload 1 KiB, \"x\""}, {"component", "arm"}});
+  add(first, {sample(0, Fate::on_time)});
+  auto cut = outcome();
+  cut["interrupted"] = true;
+  add(second, {sample(0, Fate::on_time)}, cut);
+  const auto csv = exported(SampleFormat::csv);
+  const auto fit = row_by_name(csv, 0), unfit = row_by_name(csv, 1);
+  EXPECT_EQ(fit.at("variant"), "payload 1 KiB, \"x\"");
+  EXPECT_EQ(fit.at("component"), "arm");
+  EXPECT_EQ(fit.at("complete"), "true");
+  EXPECT_EQ(fit.at("unfit"), "");
+  EXPECT_EQ(unfit.at("variant") + unfit.at("component"), "");
+  EXPECT_EQ(unfit.at("complete"), "false");
+  EXPECT_THAT(unfit.at("unfit"), HasSubstr("not measured to its end"));
+  const auto lines = lines_of(exported(SampleFormat::jsonl));
+  EXPECT_EQ(parsed_json(lines.at(0)).at("unfit"), nullptr);
+  EXPECT_EQ(parsed_json(lines.at(0)).at("variant"), "payload 1 KiB, \"x\"");
+  EXPECT_EQ(parsed_json(lines.at(1)).at("complete"), false);
+}
 
 TEST_F(Export, HasEveryTimeOfEveryMessageToTheNanosecond) {
   add(asked("a", "udp"), {sample(0, Fate::on_time), sample(1, Fate::late), sample(2, Fate::lost)});

@@ -5,8 +5,10 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/report.hpp"
 #include "report/words.hpp"
+#include "statistics/statistics.hpp"
 
 namespace ontime::report {
 namespace {
@@ -20,7 +22,16 @@ constexpr std::size_t enough = 1 << 16;  // bytes, to be written at once
 constexpr const char* sample_columns =
     "run,id,transport,repetition,message,fate,intended_ns,due_ns,woke_ns,sent_ns,received_ns,"
     "server_received_ns,server_sent_ns,skipped_cycles,passed_wake_ns,wake_up_us,round_trip_us,response_us,"
-    "server_us";
+    "server_us,variant,component,complete,unfit";
+
+// Why its numbers are not those that were requested, as far as no sample tells; empty: they are.
+std::string unfit(const record::Run& run) {
+  statistics::Summary without_samples;
+  without_samples.run = run;
+  without_samples.sent = 1;  // it has samples, or no line
+  without_samples.has_worst_only = run.asked.keeps_worst() && run.outcome.has_ended();
+  return gate::unfit(without_samples);
+}
 
 // A line of the file: its form is all that the formats differ in.
 class Line {
@@ -37,6 +48,15 @@ class Line {
     else
       run_ = as_csv({number, texts[0], texts[1], texts[2]}, {});
     if (!json_) run_.back() = ',';
+    const auto why = unfit(run);
+    rest_ = {text_of(run.asked.stated("variant")), text_of(run.asked.stated("component")),
+             statistics::is_complete(run) ? "true" : "false",
+             text_of(why.empty() ? nlohmann::json() : nlohmann::json(why))};
+    if (!json_) {
+      auto line = as_csv(rest_, {});
+      line.pop_back();
+      rest_ = {line};
+    }
   }
 
   void add(fmt::memory_buffer& out, const Sample& sample, std::int64_t start_ns) {
@@ -65,6 +85,10 @@ class Line {
     add(out, sample.skipped_cycles);
     add(out, sample.passed_wake_ns);
     for (const auto& ns : {wake_up, round_trip, response, server}) add_us(out, ns);
+    for (const auto& text : rest_) {
+      begin(out);
+      out.append(text);
+    }
     out.append(std::string_view(json_ ? "}\n" : "\n"));
   }
 
@@ -104,7 +128,8 @@ class Line {
 
   const std::vector<std::string> columns_ = split(sample_columns, ',');
   const bool json_, has_cycles_;
-  std::string run_;  // what all lines of a run begin with
+  std::string run_;                // what all lines of a run begin with
+  std::vector<std::string> rest_;  // and what they end with
   std::size_t column_ = first_column;
 };
 
