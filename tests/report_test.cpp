@@ -167,7 +167,9 @@ TEST(Csv, HasAStableHeader) {
       "reply_leg_us_p99.9,reply_leg_us_p99.99,reply_leg_us_max,extremes_exceedance,"
       "state,started_at,measures,conditions_text,component,duration_s,controller_hostname,"
       "controller_kernel_release,controller_transport_version,component_hostname,component_kernel_release,"
-      "component_transport_version,ontime"));
+      "component_transport_version,ontime,probability_late_by_response_value,probability_late_by_response_"
+      "low,"
+      "probability_late_by_response_high,probability_late_by_response_bound"));
 }
 
 TEST(Json, BurstsAreUnknownWhereOnlyTheWorstMessagesAreKept) {

@@ -211,6 +211,8 @@ std::string table_legend(const Summaries& summaries) {
                                   limit_of(summaries, "time-out", &roundtrip::ClientOptions::timeout));
   if (std::ranges::any_of(summaries, differs_by_response))
     legend += " Late by response time: cycles without an answer within the deadline after they were due.";
+  if (!all_listened(all_of(summaries)))
+    legend += " Missed (%): cycles without an answer in time, of all cycles.";
   legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
   if (any_of_paper(summaries)) legend += " " + replace_all(paper_legend, "'", "’");
   return legend;

@@ -129,6 +129,9 @@ std::vector<Field> fields() {
     fields.push_back({fmt::format("{}_transport_version", host), {"hosts", host, "transport", "version"}});
   }
   fields.push_back({"ontime", {"provenance", "ontime"}});
+  for (const auto* value : {"value", "low", "high", "bound"})
+    fields.push_back(
+        {fmt::format("probability_late_by_response_{}", value), {"probability", "late_by_response", value}});
   return fields;
 }
 
