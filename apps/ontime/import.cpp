@@ -73,12 +73,12 @@ int import_file(const Command& command, const ImportArguments& arguments) {
 
 void add_import(Command& app) {
   auto* command = app.add_subcommand(
-      "import", "Judges the messages of a bag (rosbag2, MCAP), or imports results of cyclictest");
+      "import", "Checks the messages of a bag (rosbag2, MCAP), or imports results of cyclictest");
   auto arguments = std::make_shared<ImportArguments>();
   auto& bag = arguments->bag;
   command->add_option("BAG", bag.bag, "a rosbag2 folder, .db3 or .mcap file; with --from: a cyclictest file")
       ->required();
-  add_value(*command, "--topic", bag.topics, "TOPIC", "judge only this topic; repeatable (default: all)")
+  add_value(*command, "--topic", bag.topics, "TOPIC", "only this topic; repeatable (default: all)")
       ->one_a_flag();
   add_limits(*command, bag, "a message is late if it is older than this when recorded");
   add_format(*command, bag.format);

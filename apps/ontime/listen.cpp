@@ -433,9 +433,9 @@ int listen_to(const ListenArguments& arguments) {
 void add_listen(Command& app) {
   auto* command = app.add_subcommand(
       "listen",
-      "Judges the messages of a running robot, in its processes or on the wire, without changing it");
+      "Checks the messages of a running robot, in its processes or on the wire, without changing it");
   auto arguments = std::make_shared<ListenArguments>();
-  command->add_option("TOPIC", arguments->topics, "judge these topics (default: all)");
+  command->add_option("TOPIC", arguments->topics, "only these topics (default: all)");
   add_value(
       *command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
       "follow messages through nodes from the first topic to the last, such as /scan,/map,/cmd_vel@50ms "
@@ -450,8 +450,8 @@ void add_listen(Command& app) {
             "limit probes and ontime to this share of one CPU, such as 1%: first stop recording kernel "
             "events, then pause at times");
   add_value(*command, "--packets", arguments->packets, "NAME",
-            "judge RTPS packets on this interface (any: all interfaces) instead of processes");
-  add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture file (pcap, pcapng)")
+            "check RTPS packets on this interface (any: all interfaces) instead of processes");
+  add_file(*command, "--pcap", arguments->pcap, "check RTPS packets in this capture file (pcap, pcapng)")
       ->excludes("--packets");
   command
       ->add_flag(

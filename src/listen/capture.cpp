@@ -179,6 +179,8 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
         interface));
   if (error == PCAP_ERROR_NO_SUCH_DEVICE)
     throw WrongInput(fmt::format("{}: not an interface of this machine. List them: ip link", interface));
+  if (error == PCAP_ERROR_IFACE_NOT_UP)
+    throw Error(fmt::format("listen: interface '{0}' is down. Fix: sudo ip link set {0} up", interface));
   if (error < 0)
     throw Error(
         fmt::format("listen: {}: {}. List the interfaces: ip link", interface, pcap_geterr(handle.get())));
