@@ -7,6 +7,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <sstream>
 #include <system_error>
 #include <thread>
 #include <tuple>
@@ -42,6 +43,7 @@ struct Plan {
   int parent;  // a pidfd: inside a PID namespace getppid() says nothing
   const std::vector<std::string>* groups;
   Scheduling scheduling;
+  int isolation;
   int error;
 };
 
@@ -70,10 +72,14 @@ void become_ordinary() {
   sched_setaffinity(0, sizeof all, &all);
 }
 
+// Killed, the first process of a PID namespace takes all others with it. Without a namespace, a killed
+// stress-ng leaves workers that it has just forked: it can end these itself.
+int end_with_parent(bool is_isolated) { return is_isolated ? SIGKILL : SIGTERM; }
+
 // Runs in the parent's memory while the parent waits: only system calls are allowed.
 int run(void* argument) {
   auto* const plan = static_cast<Plan*>(argument);
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  prctl(PR_SET_PDEATHSIG, end_with_parent(plan->isolation != 0));
   if (gone(plan->parent)) _exit(1);
   setpgid(0, 0);
   for (const auto& group : *plan->groups) {
@@ -121,6 +127,13 @@ bool group_gone(pid_t group) {
   });
 }
 
+bool has_nobody(const char* map) {
+  std::istringstream ranges(process::text_of(map).value_or("0 0 4294967295"));
+  for (uid_t first = 0, outside = 0, count = 0; ranges >> first >> outside >> count;)
+    if (nobody >= first && nobody - first < count) return true;
+  return false;
+}
+
 }  // namespace
 
 Started start(const std::vector<std::string>& command, int output, const std::vector<std::string>& groups,
@@ -130,8 +143,13 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
   arguments.reserve(command.size() + 1);
   for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
-  Plan plan{arguments.data(), output,     static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)),
-            &groups,          scheduling, 0};
+  Plan plan{arguments.data(),
+            output,
+            static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)),
+            &groups,
+            scheduling,
+            0,
+            0};
 
   // Not fork(): its copy-on-write would make locked pages of ours fault again.
   constexpr std::size_t stack_bytes = 32768;
@@ -139,7 +157,9 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
   pid_t pid = -1;
   {
     const SignalsBlocked blocked;
-    for (const int isolation : {CLONE_NEWPID, CLONE_NEWUSER | CLONE_NEWPID, 0}) {
+    // In a user namespace without an id map, root has no rights to files and to other users any more.
+    for (const int isolation : {CLONE_NEWPID, geteuid() == 0 ? 0 : CLONE_NEWUSER | CLONE_NEWPID, 0}) {
+      plan.isolation = isolation;
       plan.error = 0;
       pid = clone(run, stack.data() + stack.size(), CLONE_VM | CLONE_VFORK | SIGCHLD | isolation, &plan);
       if (pid >= 0) break;
@@ -152,7 +172,8 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 }
 
 std::vector<std::string> as_nobody(bool with_folder) {
-  if (geteuid() != 0) return {};
+  // Where no other user is mapped, as in a rootless container, root has the rights of an ordinary user only.
+  if (geteuid() != 0 || !has_nobody("/proc/self/uid_map") || !has_nobody("/proc/self/gid_map")) return {};
   std::vector<std::string> missing;
   for (const auto& [capability, name, is_for_folder] : {std::tuple(CAP_SETUID, "SETUID", false),
                                                         {CAP_SETGID, "SETGID", false},
@@ -171,7 +192,7 @@ std::vector<std::string> as_nobody(bool with_folder) {
           fmt::format("--regid={}", nobody),
           "--clear-groups",
           "--no-new-privs",
-          "--pdeathsig=KILL"};
+          fmt::format("--pdeathsig={}", sigabbrev_np(end_with_parent(realtime::capable(CAP_SYS_ADMIN))))};
 }
 
 Child::~Child() {

@@ -22,9 +22,9 @@ enum class Scheduling { ordinary, callers };
 
 // Runs a program, found through PATH, with no signal blocked or ignored, as leader of its process group. It
 // reads nothing and writes both its outputs to `output`. It is killed when the calling thread ends, however
-// that ends. Where the kernel permits (root, or user namespaces) it is the first process of a PID namespace,
-// and all its descendants are killed with it. Into each file of `groups` it writes a 0 first: so it is in
-// that control group, and so are all its descendants. The pid is -1 if it could not be started.
+// that ends. Where the kernel permits (CAP_SYS_ADMIN, or user namespaces) it is the first process of a PID
+// namespace, and all its descendants are killed with it. Into each file of `groups` it writes a 0 first: so
+// it is in that control group, and so are all its descendants. The pid is -1 if it could not be started.
 Started start(const std::vector<std::string>& command, int output,
               const std::vector<std::string>& groups = {}, Scheduling = Scheduling::ordinary);
 
@@ -32,8 +32,8 @@ Started start(const std::vector<std::string>& command, int output,
 inline constexpr uid_t nobody = 65534;
 
 // Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
-// with the thread that started it. None for a caller that is not root. Throws Error for a root that lacks
-// a capability for that.
+// with the thread that started it. None for a caller that is not root, and where this user is not mapped.
+// Throws Error for a root that lacks a capability for that.
 // `with_folder`: the command gets a folder of its own.
 std::vector<std::string> as_nobody(bool with_folder = false);
 

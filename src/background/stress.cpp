@@ -120,10 +120,11 @@ class HddFiles {
 // The folder of the temporary files of stress-ng.
 class Folder {
  public:
-  explicit Folder(const std::string& parent) : path_(parent + "/stress-ng-XXXXXX") {
+  Folder(const std::string& parent, bool is_nobodys) : path_(parent + "/stress-ng-XXXXXX") {
     const bool made = mkdtemp(path_.data()) != nullptr;
-    if (!made || (geteuid() == 0 && chown(path_.c_str(), nobody, nobody) != 0))
-      throw Error(fmt::format("load: cannot create folder {} for stress-ng: {}", path_,
+    if (!made || (is_nobodys && chown(path_.c_str(), nobody, nobody) != 0))
+      throw Error(fmt::format("load: cannot create a folder for stress-ng in {}: {}",
+                              std::filesystem::path(parent).parent_path().string(),
                               std::generic_category().message(errno)));
   }
   ~Folder() {
@@ -159,7 +160,7 @@ Stress::Stress(const Workers& workers, const std::string& directory, const Group
     : workers_(long{workers.cpu} + workers.vm + workers.io + workers.hdd) {
   if (workers_ == 0) throw Error("load has no workers. Fix: set cpu, vm, io or hdd to 1 or more");
   const auto prefix = as_nobody(true);  // names a missing capability, without which there is no folder either
-  folder_ = std::make_unique<Folder>(directory);
+  folder_ = std::make_unique<Folder>(directory, !prefix.empty());
   const auto command = command_for(workers, prefix, folder_->path());
   const process::Memory output;
   const auto started = start(command, output.fd(), groups);
@@ -193,7 +194,11 @@ Stress::Stress(const Workers& workers, const std::string& directory, const Group
   child_.reset();
   const auto said = output.text();
   if (is_of_missing_program(code, said)) throw missing();
-  throw Error(fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said));
+  auto text = fmt::format("{} {}; its output:\n{}", fmt::join(command, " "), what, said);
+  // Its name is another one in each run: then the same failure of all runs would not be told once.
+  for (std::size_t at = 0; (at = text.find(folder_->path())) != text.npos;)
+    text.replace(at, folder_->path().size(), "FOLDER");
+  throw Error(text);
 }
 
 }  // namespace
