@@ -168,6 +168,16 @@ TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
       << "CAP_SYS_NICE";
   EXPECT_EQ(severity("memory-limit"), Severity::fine) << "CAP_IPC_LOCK";
   limits("0", "0");
+  file("/proc/self/uid_map", "0 1000 1");
+  for (const auto* check : {"priority-limit", "memory-limit"}) {
+    EXPECT_EQ(severity(check), Severity::wrong) << "capabilities of a user namespace";
+    EXPECT_THAT(one(check).remedy, HasSubstr("docker run --ulimit"));
+  }
+  fs::remove(root_ + "/proc/self/uid_map");
+  file("/proc/self/status", "Uid:\t0\t0\t0\t0\nCapEff:\t00000000a80425fb\nCapBnd:\t00000000a80425fb");
+  for (const auto* check : {"priority-limit", "memory-limit"})
+    EXPECT_THAT(one(check).remedy,
+                AllOf(HasSubstr("docker run --cap-add SYS_NICE"), Not(HasSubstr("limits.d"))));
   file("/proc/self/status", "CapEff:\t0000000000000000");
   file("/proc/self/cgroup", "0::/system.slice/robot.service");
   file("/proc/self/environ", "INVOCATION_ID=1f");

@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <numeric>
 #include <random>
@@ -261,6 +262,27 @@ TEST(Apply, AnOrdinaryUserIsToldWhatToDo) {
     ThreadSettings ordinary;
     ordinary.cpus = {allowed_cpus().front()};
     EXPECT_THAT(apply(gettid(), "send", ordinary), IsEmpty()) << "needs no privilege";
+  });
+}
+
+TEST(Apply, RootOfAUserNamespaceIsToldThatOnlyLimitsCount) {
+  in_child([] {
+    const auto uid = geteuid(), gid = getegid();
+    rlimit none{0, 0};
+    ASSERT_EQ(setrlimit(RLIMIT_RTPRIO, &none), 0);
+    ASSERT_EQ(setrlimit(RLIMIT_MEMLOCK, &none), 0);
+    if (unshare(CLONE_NEWUSER) != 0) return;  // not permitted here
+    std::ofstream("/proc/self/setgroups") << "deny";
+    std::ofstream("/proc/self/uid_map") << "0 " << uid << " 1";
+    std::ofstream("/proc/self/gid_map") << "0 " << gid << " 1";
+    auto refusals = apply(gettid(), "send", fifo(80));
+    const auto of_memory = lock_memory(0);
+    refusals.insert(refusals.end(), of_memory.begin(), of_memory.end());
+    ASSERT_THAT(refusals, SizeIs(2));
+    for (const auto& refusal : refusals) {
+      EXPECT_THAT(refusal.found, HasSubstr("outside this user namespace"));
+      EXPECT_THAT(refusal.remedy, HasSubstr("on the host"));
+    }
   });
 }
 

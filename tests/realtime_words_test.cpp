@@ -4,6 +4,7 @@
 #include <random>
 #include <set>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -115,6 +116,37 @@ TEST(Service, ServiceIsFoundByItsControlGroup) {
   EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/session-3.scope\n"), "");
   EXPECT_EQ(service_of("0::/system.slice/docker-1234.scope\n"), "");
   EXPECT_EQ(service_of(""), "");
+}
+
+TEST(Container, IsStartedAnewForWhatNeitherSudoNorSetcapGives) {
+  const auto* const first = "         0          0 4294967295\n";
+  const auto of = [](int user, const char* effective, const char* bounding) {
+    return fmt::format("Uid:\t{0}\t{0}\t{0}\t{0}\nCapEff:\t{1}\nCapBnd:\t{2}\n", user, effective, bounding);
+  };
+  const auto* const all = "000001ffffffffff";
+  const auto* const of_docker = "00000000a80425fb";
+  const auto* const none = "0000000000000000";
+  const auto options = testing::AllOf(HasSubstr("docker run "), HasSubstr("--ulimit rtprio=99"),
+                                      HasSubstr("--ulimit memlock=-1"));
+  for (const auto& status : {of(0, of_docker, of_docker), of(1000, none, of_docker), of(0, none, all)}) {
+    EXPECT_THAT(how_to_permit_container({status, first}),
+                testing::AllOf(options, HasSubstr("--cap-add SYS_NICE")));
+    EXPECT_THAT(
+        how_to_be_root_in_container({status, first}),
+        testing::AllOf(HasSubstr("--cap-add SYS_ADMIN --cap-add NET_ADMIN"), HasSubstr("--privileged")));
+  }
+  for (const auto& status : {of(0, all, all), of(1000, none, all), std::string()}) {
+    EXPECT_EQ(how_to_permit_container({status, first}), "");
+    EXPECT_EQ(how_to_be_root_in_container({status, ""}), "") << "a kernel without user namespaces";
+  }
+  EXPECT_THAT(how_to_be_root_in_container({of(0, "0000000000200000", all), first}),
+              testing::AllOf(HasSubstr("NET_ADMIN"), testing::Not(HasSubstr("SYS_ADMIN"))));
+  // A rootless container's root has all capabilities, but none for priorities and locked memory.
+  const Privileges rootless{of(0, all, all), "0 1000 1\n1 100000 65536\n"};
+  EXPECT_FALSE(rootless.has(23));
+  EXPECT_THAT(how_to_permit_container(rootless),
+              testing::AllOf(options, HasSubstr("on the host"), testing::Not(HasSubstr("cap-add"))));
+  EXPECT_TRUE((Privileges{of(0, all, all), first}.has(23)));
 }
 
 TEST(Service, UnitPermitsTheServiceButNotALogin) {

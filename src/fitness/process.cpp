@@ -14,19 +14,21 @@
 namespace ontime::fitness {
 namespace {
 
+realtime::Privileges own(const Look& look) {
+  return {look.text("/proc/self/status").value_or(""), look.text("/proc/self/uid_map").value_or("")};
+}
+
 // A service gets its limits from its unit, not at a login.
 std::string how_to_permit(const Look& look) {
   const auto text = [&](const char* path) { return look.text(path).value_or(""); };
   if (auto by_unit = realtime::how_to_permit_service(text("/proc/self/environ"), text("/proc/self/cgroup"));
       !by_unit.empty())
     return by_unit;
+  if (auto by_container = realtime::how_to_permit_container(own(look)); !by_container.empty())
+    return by_container;
   return "write \"@realtime - rtprio 98\" and \"@realtime - memlock unlimited\" into "
          "/etc/security/limits.d/realtime.conf; then "
          "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in again";
-}
-
-bool capable(const Look& look, int capability) {
-  return realtime::has_capability(look.text("/proc/self/status").value_or(""), capability);
 }
 
 // The soft limit, which is the first of the columns.
@@ -45,7 +47,7 @@ std::string limit(const Look& look, const char* name) {
 Findings priority_limit(const Look& look) {
   const auto most = limit(look, "Max realtime priority");
   if (most.empty()) return {};
-  if (capable(look, CAP_SYS_NICE)) return {fine("any (CAP_SYS_NICE)")};
+  if (own(look).has(CAP_SYS_NICE)) return {fine("any (CAP_SYS_NICE)")};
   constexpr int needed = 80;
   int priority = 0;
   std::from_chars(most.data(), most.data() + most.size(), priority);
@@ -59,7 +61,7 @@ Findings priority_limit(const Look& look) {
 Findings memory_limit(const Look& look) {
   const auto most = limit(look, "Max locked memory");
   if (most.empty()) return {};
-  if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
+  if (most == "unlimited" || own(look).has(CAP_IPC_LOCK)) return {fine("unlimited")};
   return {{Severity::wrong, fmt::format("{} bytes may be locked", most), "unlimited",
            "a page that is not locked may have to be read from disk, which takes milliseconds",
            how_to_permit(look)}};

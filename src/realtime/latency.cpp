@@ -18,6 +18,7 @@ constexpr const char* device = "/dev/cpu_dma_latency";
 std::string remedy_for(int error) {
   if (error == ENOENT || error == ENODEV || error == ENXIO)
     return "none on this kernel; in a container: docker run --device /dev/cpu_dma_latency";
+  if (privileges().is_root()) return "start the container with docker run --device /dev/cpu_dma_latency";
   return "run as root, or: sudo chgrp realtime /dev/cpu_dma_latency && sudo chmod g+rw /dev/cpu_dma_latency, "
          "and join the group realtime";
 }

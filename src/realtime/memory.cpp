@@ -21,7 +21,8 @@ Refusal refused(std::string found, std::string remedy) {
 
 std::optional<Refusal> lock_all() {
   if (!may_lock_all())
-    return refused(fmt::format("RLIMIT_MEMLOCK is {} bytes, no CAP_IPC_LOCK", limit_of(RLIMIT_MEMLOCK)),
+    return refused(fmt::format("RLIMIT_MEMLOCK is {} bytes, {}", limit_of(RLIMIT_MEMLOCK),
+                               privileges().lack_of("CAP_IPC_LOCK")),
                    how_to_permit());
   if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return {};
   return refused(message_of(errno), "free memory: all pages of this process must fit at once");
@@ -50,7 +51,7 @@ bool touch_heap(std::size_t bytes) {
 // Under a finite limit, MCL_FUTURE would make a later allocation fail, in any library.
 bool may_lock_all() {
   rlimit limit{};
-  if (capable(CAP_IPC_LOCK)) return true;
+  if (privileges().has(CAP_IPC_LOCK)) return true;
   if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0) return false;
   limit.rlim_cur = limit.rlim_max;
   return limit.rlim_max == RLIM_INFINITY && setrlimit(RLIMIT_MEMLOCK, &limit) == 0;

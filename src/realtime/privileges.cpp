@@ -3,12 +3,16 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <sstream>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 #include <fmt/format.h>
+#include <linux/capability.h>
 #include <sys/resource.h>
 
 #include "realtime/state.hpp"
@@ -24,18 +28,50 @@ std::string path_of_program() {
   return path.empty() ? "ontime" : path;
 }
 
-}  // namespace
-
-bool has_capability(const std::string& status, int capability) {
-  const auto effective = process::field(status, "CapEff").value_or("");
+bool is_in_set(const std::string& status, const char* set, int capability, const char* if_unknown) {
+  const auto text = process::field(status, set).value_or(if_unknown);
   std::uint64_t mask = 0;
-  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
+  std::from_chars(text.data(), text.data() + text.size(), mask, 16);
   return (mask >> capability & 1U) != 0;
 }
 
-bool capable(int capability) {
-  return has_capability(process::text_of("/proc/thread-self/status").value_or(""), capability);
+}  // namespace
+
+bool has_capability(const std::string& status, int capability) {
+  return is_in_set(status, "CapEff", capability, "");
 }
+
+bool Privileges::is_of_first_namespace() const {
+  std::istringstream map(uid_map);
+  std::uint64_t first = 0, outside = 0, count = 0;
+  return !(map >> first >> outside >> count) || count == std::numeric_limits<std::uint32_t>::max();
+}
+
+bool Privileges::is_root() const {
+  std::istringstream users(process::field(status, "Uid").value_or(""));  // the real one, then the effective
+  int real = -1, effective = -1;
+  return users >> real >> effective && effective == 0;
+}
+
+bool Privileges::has(int capability) const {
+  return is_of_first_namespace() && has_capability(status, capability);
+}
+
+bool Privileges::is_final_without(int capability) const {
+  return !has(capability) && (is_root() || !is_of_first_namespace() ||
+                              !is_in_set(status, "CapBnd", capability, "ffffffffffffffff"));
+}
+
+std::string Privileges::lack_of(const char* name) const {
+  return fmt::format("no {}{}", name, is_of_first_namespace() ? "" : " outside this user namespace");
+}
+
+Privileges privileges() {
+  return {process::text_of("/proc/thread-self/status").value_or(""),
+          process::text_of("/proc/self/uid_map").value_or("")};
+}
+
+bool capable(int capability) { return has_capability(privileges().status, capability); }
 
 std::string limit_of(int resource) {
   rlimit limit{};
@@ -45,7 +81,29 @@ std::string limit_of(int resource) {
 
 std::string message_of(int error) { return std::generic_category().message(error); }
 
+std::string how_to_permit_container(const Privileges& own) {
+  constexpr const char* limits = "--ulimit rtprio=99 --ulimit memlock=-1";
+  if (!own.is_of_first_namespace())
+    return fmt::format(
+        "in a user namespace, such as a rootless container's, only limits count: permit them to its user on "
+        "the host (/etc/security/limits.d), and start it with docker run {}",
+        limits);
+  if (!own.is_final_without(CAP_SYS_NICE) && !own.is_final_without(CAP_IPC_LOCK)) return "";
+  return fmt::format("start the container with docker run --cap-add SYS_NICE {}", limits);
+}
+
+std::string how_to_be_root_in_container(const Privileges& own) {
+  std::string options;
+  for (const auto& [capability, name] : {std::pair(CAP_SYS_ADMIN, "SYS_ADMIN"), {CAP_NET_ADMIN, "NET_ADMIN"}})
+    if (own.is_final_without(capability)) options += fmt::format(" --cap-add {}", name);
+  if (options.empty()) return "";
+  const bool is_roots = own.is_root() && own.is_of_first_namespace();
+  return fmt::format("start the container{} with docker run{} (or --privileged)", is_roots ? "" : " as root",
+                     options);
+}
+
 std::string how_to_permit_capabilities() {
+  if (auto by_container = how_to_permit_container(privileges()); !by_container.empty()) return by_container;
   return fmt::format("run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep {}", path_of_program());
 }
 
@@ -81,6 +139,7 @@ std::string how_to_permit(int priority) {
                                            process::text_of("/proc/self/cgroup").value_or(""), priority);
       !by_unit.empty())
     return by_unit;
+  if (auto by_container = how_to_permit_container(privileges()); !by_container.empty()) return by_container;
   return fmt::format(
       "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, add these lines to "
       "/etc/security/limits.d/realtime.conf and log in again:\n"

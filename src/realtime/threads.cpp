@@ -57,9 +57,10 @@ Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
             fmt::format(
                 "give this control group real-time CPU time (its parents first): echo 900000 | sudo tee {}",
                 budget)};
-  if (!capable(CAP_SYS_NICE)) {
-    if (deadline) return {"no CAP_SYS_NICE", how_to_permit_capabilities()};
-    return {fmt::format("RLIMIT_RTPRIO is {}, no CAP_SYS_NICE", limit_of(RLIMIT_RTPRIO)),
+  if (const auto own = privileges(); !own.has(CAP_SYS_NICE)) {
+    const auto lack = own.lack_of("CAP_SYS_NICE");
+    if (deadline) return {lack, how_to_permit_capabilities()};
+    return {fmt::format("RLIMIT_RTPRIO is {}, {}", limit_of(RLIMIT_RTPRIO), lack),
             how_to_permit(settings.priority)};
   }
   if (deadline)
