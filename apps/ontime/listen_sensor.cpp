@@ -3,12 +3,13 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <unistd.h>
+#include <linux/capability.h>
 
 #include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
 #include "listening.hpp"
+#include "realtime/privileges.hpp"
 #include "scenario/scenario.hpp"
 #include "transport/shipped.hpp"
 
@@ -41,9 +42,11 @@ std::unique_ptr<listen::Sensor> sensor_in_processes(const listen::Limits& limits
                                                     std::vector<listen::ChainWish> chains) try {
   return listen::in_processes(limits, std::move(chains));
 } catch (const listen::Denied& denied) {
-  const auto* const seen_by_root = "check the container's privileges and /sys/kernel/security/lockdown";
-  throw campaign::Error(
-      3, fmt::format("{}. Fix: {}", denied.what(), geteuid() == 0 ? seen_by_root : campaign::as_root()));
+  const bool has_all = realtime::privileges().has(CAP_SYS_ADMIN);
+  throw campaign::Error(3,
+                        fmt::format("{}. Fix: {}", denied.what(),
+                                    has_all ? "see /sys/kernel/security/lockdown, and filters of system calls"
+                                            : campaign::as_root()));
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,

@@ -6,11 +6,12 @@
 #include <system_error>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
 #include "output.hpp"
+#include "realtime/privileges.hpp"
+#include "realtime/realtime.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 #include "transport/shipped.hpp"
@@ -62,7 +63,11 @@ int show_next() {
       // Without any, ping names the folders where ontime looks for them.
       transports.empty() ? "no transport is installed: see why" : "first round trips, 10 s");
   add("ontime check", "machine: " + fitness::counts_of(fitness::check({})));
-  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "with load and real-time settings");
+  const auto own = realtime::privileges();
+  const bool needs_sudo = !own.is_root() && realtime::how_to_be_root_in_container(own).empty();
+  add(needs_sudo ? "sudo ontime run demo" : "ontime run demo", needs_sudo || realtime::may_use_fifo(1)
+                                                                   ? "with load and real-time settings"
+                                                                   : "with load; real-time is denied");
   add("ontime init ROBOT", "write a scenario for two machines");
   add("source <(ontime completion bash)", "complete commands with Tab");
   add("ontime --help", "all commands");

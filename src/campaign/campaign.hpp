@@ -55,8 +55,9 @@ class Observer {
   virtual void ends_listening(bool /*interrupted*/) {}
 };
 
-// This command line with sudo before it, to paste.
-std::string as_root();
+// How to run it with root's rights: this command line with sudo before it, to paste, or how to start the
+// container. Without the command where another user may read it.
+std::string as_root(bool with_command = true);
 
 using orders::Interrupts;
 

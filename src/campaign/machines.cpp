@@ -18,6 +18,7 @@
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "process/process.hpp"
+#include "realtime/privileges.hpp"
 #include "table/table.hpp"
 
 namespace ontime::campaign {
@@ -87,9 +88,12 @@ class Problems {
 
 }  // namespace
 
-std::string as_root() {
+std::string as_root(bool with_command) {
+  if (auto in_container = realtime::how_to_be_root_in_container(realtime::privileges());
+      !in_container.empty())
+    return in_container;
   const auto command = table::shell_line(process::command_line());
-  return table::printable(command) == command ? "sudo " + command : "run it as root";
+  return with_command && table::printable(command) == command ? "sudo " + command : "run it as root";
 }
 
 std::optional<std::string> network_namespace(const Host& host) {

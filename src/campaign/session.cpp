@@ -86,7 +86,8 @@ std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
     for (const auto& pair : pairs_)
       writer_.note(pair->number(), {"loopback",
                                     "both ends were on loopback: no permission to create network namespaces. "
-                                    "Fix: run it as root",
+                                    "Fix: " +
+                                        as_root(false),
                                     {},
                                     {}});
   if (!run_.kernel.empty() || run_.isolation.any()) next("applying settings");

@@ -72,7 +72,7 @@ class InProcesses final : public Sensor {
     probes_.reset(probes_bpf__open_and_load());
     if (!probes_) {
       const int error = errno;
-      if (error == EPERM || error == EACCES) throw Denied("listen needs root: the kernel denied probes");
+      if (error == EPERM || error == EACCES) throw Denied("listen: the kernel denied probes");
       throw Error(
           fmt::format("listen: the kernel cannot load the probes: {}. They need Linux 5.15 or newer with "
                       "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Without probes: --packets or --pcap",

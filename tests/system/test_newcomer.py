@@ -43,6 +43,30 @@ class Newcomer(unittest.TestCase):
         for flag, value in (("--peer", "127.0.0.1"), ("--interface", "lo"), ("--wait", "1 s")):
             self.ontime("ping", "--transport", "udp", "--loopback", flag, value, code=2)
 
+    @unittest.skipUnless(os.geteuid() == 0, "needs root, to have less of it")
+    def test_root_of_a_container_is_told_what_permits_it(self):
+        """It has the capabilities of `docker run` without options."""
+        in_container = ["setpriv", "--bounding-set=-all,+chown,+dac_override,+fowner,+fsetid,+kill,+setgid,+setuid,+setpcap,"
+                        "+net_bind_service,+net_raw,+sys_chroot,+mknod,+audit_write,+setfcap", "--inh-caps=-all"]
+
+        def ontime(*arguments):
+            done = subprocess.run([*in_container, ONTIME, *arguments], cwd=self.folder, capture_output=True, text=True, timeout=120)
+            self.assertNotRegex(done.stdout + done.stderr, "sudo|as root,|setcap|run it as root")
+            return done
+        (self.folder / "own.yaml").write_text("runs: [{id: loaded, transport: udp, duration: 500 ms, deadline: 1 us, realtime: on, "
+                                              "load: {controller: {cpu: 1}}}]\n")
+        done = ontime("run", "own.yaml", "--results", "r.ontime")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("--cap-add SYS_ADMIN --cap-add NET_ADMIN", done.stderr)
+        full = " ".join(ontime("report", "r.ontime", "--full").stdout.split())
+        for words in "both ends were on loopback", "--cap-add SYS_ADMIN", "--cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1":
+            self.assertIn(words, full)
+        self.assertNotIn("stress-ng", full)
+        self.assertIn("ontime run demo ", ontime().stdout)
+        denied = ontime("listen", "/x", "--for", "1s")
+        self.assertEqual(denied.returncode, 3, denied.stdout)
+        self.assertIn("--cap-add SYS_ADMIN", denied.stderr)
+
     def test_every_report_says_that_an_ordinary_users_ends_were_on_loopback(self):
         (self.folder / "own.yaml").write_text("runs: [{id: idle, transport: udp, duration: 100 ms}]\n")
         ordinary = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
