@@ -132,6 +132,23 @@ TEST(Answer, FailedPingIsNotSuggestedAgain) {
   EXPECT_THAT(commands_of(answer_of({failed}, {"", true})), IsEmpty());
 }
 
+TEST(Answer, CommandsThatNeedRootAreNotSaidWhereThereIsNone) {
+  auto one = run(1, "a", "udp", {true, false}, 9);
+  amend(one.run.outcome, "/hosts/controller/refusals",
+        {{{"asked", "SCHED_FIFO 80 for thread send"}, {"found", "no"}, {"remedy", "docker run"}}});
+  const Origin usual{.file = "r.ontime", .is_own = true};
+  Origin in_container = usual;
+  in_container.has_no_root = true;
+  EXPECT_THAT(commands_of(answer_of({one}, usual)),
+              AllOf(Contains(HasSubstr("--explain")), Contains("sudo ontime run scenarios/demo.yaml")));
+  for (const bool is_root : {false, true}) {
+    in_container.is_root = is_root;
+    EXPECT_THAT(commands_of(answer_of({one}, in_container)), ElementsAre("ontime report r.ontime --full"));
+  }
+  amend(one.run.asked, "/explain", true);
+  EXPECT_THAT(commands_of(answer_of({one}, in_container)), Contains("ontime explain r.ontime"));
+}
+
 TEST(Answer, ComparisonWithoutAPairIsNotSuggested) {
   std::vector<Summary> runs = {run(1, "quiet", "udp", {}), run(2, "quiet", "udp", {}),
                                run(3, "loud", "udp", {true, false}, 300)};

@@ -16,10 +16,12 @@
 #include <boost/algorithm/string/replace.hpp>
 #include <boost/algorithm/string/trim.hpp>
 #include <fmt/format.h>
+#include <linux/capability.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "orders/orders.hpp"
+#include "realtime/privileges.hpp"
 #include "scenario_files.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -86,7 +88,9 @@ std::string for_output(std::string text) { return for_terminal(std::move(text), 
 
 std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
                   report::Origin origin) {
-  origin.is_root = geteuid() == 0;
+  const auto own = realtime::privileges();
+  origin.is_root = own.is_root();
+  origin.has_no_root = own.is_final_without(CAP_SYS_ADMIN);
   origin.trusts = is_trusted;
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());

@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <linux/capability.h>
-#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
@@ -150,9 +149,9 @@ void check_user(const campaign::Hosts& hosts) {
     return host.ssh.empty() && host.host_prefix.empty() && host.command_prefix.empty() &&
            host.program.empty();
   };
-  const bool is_denied = geteuid() != 0 && !realtime::capable(CAP_SYS_ADMIN);
+  const bool is_denied = !realtime::privileges().has(CAP_SYS_ADMIN);
   if (is_denied && (is_of_this_user(hosts.controller) || is_of_this_user(hosts.components.front().host)))
-    throw Error(3, "tune search needs root on this machine: each run records kernel events. Fix: " +
+    throw Error(3, "tune search records kernel events in each run, which is denied on this machine. Fix: " +
                        campaign::as_root());
 }
 

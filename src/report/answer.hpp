@@ -26,6 +26,7 @@ struct Origin {
   std::function<bool(const std::string& scenario)> trusts = {};  // empty: none
   // Another process writes into the file: it measures the runs from this number on that have not ended.
   std::optional<std::int64_t> running_from = {};
+  bool has_no_root = false;  // sudo permits nothing here, as in a container: commands that need it fail
 };
 
 struct Answer {

@@ -182,6 +182,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   const auto add = [&](const std::string& why, const std::vector<std::string>& words, bool as_root = false) {
     const auto line = table::line_to_paste(words);
     if (!line || words.empty()) return;
+    as_root = as_root && words[1] != "lab";
+    if (as_root && origin.has_no_root) return;
     steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
     for (const auto* word : {"SCENARIO", "HOST", "NAME=VALUE"})  // see again()
       if (!origin.is_own && std::ranges::find(words, word) != words.end())
@@ -235,7 +237,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if (is_alone && is_of_scenario(words)) words = with(words, {"--only", id});
     const bool listens = is_of_listen(words);
     add(found.longer_tells, with(words, {listens ? "--for" : "--duration", plain_time(found.longer_ns)}),
-        listens);
+        listens && !origin.has_no_root);  // with --reader, say, it may do without
   }
   const auto words = again(*found.any, {});
   if (!file.empty())

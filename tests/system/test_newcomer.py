@@ -62,6 +62,10 @@ class Newcomer(unittest.TestCase):
         for words in "both ends were on loopback", "--cap-add SYS_ADMIN", "--cap-add SYS_NICE --ulimit rtprio=99 --ulimit memlock=-1":
             self.assertIn(words, full)
         self.assertNotIn("stress-ng", full)
+        self.assertNotIn("--explain", done.stdout)
+        searched = ontime("tune", "search", "./own.yaml", "--goal", "p50 < 1 s")
+        self.assertEqual(searched.returncode, 3, searched.stderr)
+        self.assertIn("--cap-add SYS_ADMIN", searched.stderr)
         self.assertIn("ontime run demo ", ontime().stdout)
         denied = ontime("listen", "/x", "--for", "1s")
         self.assertEqual(denied.returncode, 3, denied.stdout)
