@@ -89,6 +89,29 @@ TEST(Files, AreNotGoneWhereTheyAreNotSeen) {
   });
 }
 
+// As in an ordinary container.
+TEST(Files, ThatAreReadOnlyCannotBeSet) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("", "/", "", MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("/proc/sys", "/proc/sys", "", MS_BIND, nullptr), 0);
+    ASSERT_EQ(mount("", "/proc/sys", "", MS_BIND | MS_REMOUNT | MS_RDONLY, nullptr), 0);
+    const auto states = show({});
+    const auto state =
+        std::ranges::find(states, std::string("rmem-max"), [](const auto& one) { return one.setting->name; });
+    ASSERT_THAT(state->things, SizeIs(1));
+    EXPECT_THAT(state->cannot, AllOf(HasSubstr("read-only"), HasSubstr("docker run --privileged")));
+    const auto written = [](const std::string& value) {
+      require_writable(plan({{"rmem-max", value}}, {}), {});
+    };
+    EXPECT_THAT(error_of([&] { written("123456"); }),
+                StartsWith("rmem-max: /proc/sys/net/core/rmem_max is read-only"));
+    const auto now = state->things.front().second;
+    EXPECT_EQ(error_of([&] { written(now); }), "") << "there is nothing to write";
+  });
+}
+
 TEST(Cpus, OfflineCpusAreLeftOut) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
   in_child([] {

@@ -155,7 +155,8 @@ TEST_F(OnVeth, LookingWritesNothing) {
     const auto threads = std::find_if(states.begin(), states.end(), [](const State& one) {
       return one.setting->name == std::string("threaded-napi");
     });
-    EXPECT_EQ(threads->cannot, "");
+    EXPECT_THAT(threads->things, SizeIs(1));
+    EXPECT_THAT(threads->cannot, HasSubstr("read-only here"));
     EXPECT_EQ(plan({{"threaded-napi", "off"}}, left).at(0).before, "0");
   });
 }

@@ -19,7 +19,7 @@ using nlohmann::json;
 
 std::string why_not(const settings::Wishes& wishes, const settings::Link& link) {
   try {
-    settings::plan(wishes, link);
+    settings::require_writable(settings::plan(wishes, link), link);
   } catch (const settings::Error& error) {
     return error.what();
   }

@@ -131,10 +131,18 @@ std::vector<Change> plan(const Wishes& wishes, const Link& link) {
   return all;
 }
 
+void require_writable(const std::vector<Change>& changes, const Link& link) {
+  for (const auto& change : changes)
+    if (change.thing.kind != nullptr && change.before != change.after)
+      by_name(*change.setting, link, [&] {
+        if (const auto why = read_only(change.thing); !why.empty()) throw journal::Error(why);
+      });
+}
+
 std::vector<Change> apply(journal::Journal& journal, const Wishes& wishes, const Link& link) {
   if (!wishes.empty() && geteuid() != 0)
     throw Error(fmt::format("{} needs root. Fix: run as root", in_order(wishes).front().setting->name));
-  plan(wishes, link);
+  require_writable(plan(wishes, link), link);
   std::vector<Change> all;
   try {
     for (const auto& wish : in_order(wishes))
@@ -193,8 +201,10 @@ std::vector<State> show(const Link& link) {
     try {
       where_it_is(setting, link, [&] {
         for (auto& thing : setting.things(link.interface))
-          if (const auto value = thing.kind->read(thing.what))
+          if (const auto value = thing.kind->read(thing.what)) {
+            if (state.cannot.empty()) state.cannot = read_only(thing);
             state.things.emplace_back(std::move(thing), *value);
+          }
       });
     } catch (const journal::Error& error) {
       state.cannot = error.what();

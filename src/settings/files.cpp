@@ -2,6 +2,7 @@
 // Things that are one file of /proc or /sys each.
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <charconv>
 
 #include <fmt/format.h>
@@ -214,6 +215,15 @@ std::optional<File> file_of(const Thing& thing, const std::string& value) {
   if (kind == &threaded) return File{threaded_path(thing.title()), value};
   if (kind == &steering) return File{steering_path(thing.title()), mask_of_list(value)};
   return {};
+}
+
+std::string read_only(const Thing& thing) {
+  const auto file =
+      thing.kind == &interrupt ? File{interrupt_path(thing.what), ""} : file_of(thing, "").value_or(File{});
+  if (access(file.path.c_str(), W_OK) == 0 || errno != EROFS) return "";
+  return fmt::format(
+      "{} is read-only here, as in a container. Fix: docker run --privileged, or set it on the host",
+      file.path);
 }
 
 std::vector<int> online_cpus() {

@@ -71,6 +71,9 @@ struct File {
 };
 std::optional<File> file_of(const Thing&, const std::string& value);
 
+// Why the thing's file cannot be written even by root, and the fix; "": it can, or it is no file.
+std::string read_only(const Thing&);
+
 std::vector<Thing> threads_named(const std::string& prefix);
 std::string name_of_thread(const std::string& what);
 // The threads that receive the packets of an interface of this network namespace.

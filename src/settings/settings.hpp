@@ -84,6 +84,8 @@ struct Change {
 };
 // The changes that apply() would make; changes nothing. Throws Error for the first impossible one.
 std::vector<Change> plan(const Wishes&, const Link&);
+// Throws Error for the first that is to be written into a file which is read-only here, as in a container.
+void require_writable(const std::vector<Change>&, const Link&);
 // Makes all changes or none: if one fails, undoes the earlier ones and throws Error.
 std::vector<Change> apply(journal::Journal&, const Wishes&, const Link&);
 // Records things that already had their value, so that journal::kept() also checks them.
