@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <fstream>
 
+#include <sys/prctl.h>
+
 #include "own_run.hpp"
 #include "settings/kinds.hpp"
 #include "settings_fixture.hpp"
@@ -109,6 +111,22 @@ TEST(Files, ThatAreReadOnlyCannotBeSet) {
                 StartsWith("rmem-max: /proc/sys/net/core/rmem_max is read-only"));
     const auto now = state->things.front().second;
     EXPECT_EQ(error_of([&] { written(now); }), "") << "there is nothing to write";
+  });
+}
+
+TEST(Files, CannotBeSetByRootOfAUserNamespace) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([&] {
+    test::become_ordinary_user();
+    if (unshare(CLONE_NEWUSER) != 0) return;  // not permitted here
+    prctl(PR_SET_DUMPABLE, 1);                // else /proc/self is the machine's root's
+    std::ofstream("/proc/self/setgroups") << "deny";
+    std::ofstream("/proc/self/uid_map") << "0 65534 1";
+    ASSERT_EQ(geteuid(), 0u);
+    const auto states = show({});
+    const auto state =
+        std::ranges::find(states, std::string("rmem-max"), [](const auto& one) { return one.setting->name; });
+    EXPECT_THAT(state->cannot, HasSubstr("docker run --privileged as root"));
   });
 }
 

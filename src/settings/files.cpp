@@ -220,10 +220,12 @@ std::optional<File> file_of(const Thing& thing, const std::string& value) {
 std::string read_only(const Thing& thing) {
   const auto file =
       thing.kind == &interrupt ? File{interrupt_path(thing.what), ""} : file_of(thing, "").value_or(File{});
-  if (access(file.path.c_str(), W_OK) == 0 || errno != EROFS) return "";
+  if (access(file.path.c_str(), W_OK) == 0) return "";
+  const bool is_denied = errno == EACCES && geteuid() == 0;  // to root of a user namespace
+  if (errno != EROFS && !is_denied) return "";
   return fmt::format(
-      "{} is read-only here, as in a container. Fix: docker run --privileged, or set it on the host",
-      file.path);
+      "{} is read-only here, as in a container. Fix: docker run --privileged{}, or set it on the host",
+      file.path, is_denied ? " as root" : "");
 }
 
 std::vector<int> online_cpus() {
