@@ -104,9 +104,9 @@ struct Judgement {
 // A number of messages and a maximum are what they are. All other metrics pass a limit only if chance does
 // not explain it: statistics::exceeds(), ratio_exceeds(), difference_exceeds(). A percentile also keeps to
 // its limit if the share of slower messages does. One without an answer is late, and slower than limits up to
-// its time-out. Of a change: held and sure if its whole interval keeps to the limit. Beyond it, and perhaps by
-// chance: held, or open if the true value may be more than twice what the limit permits. Of an imported run,
-// which has no single messages, only the greatest wake-up latency is judged.
+// its time-out. Of a change: held and sure if its whole interval keeps to the limit. Beyond it, and perhaps
+// by chance: held, or open if the true value may be more than twice what the limit permits. Of an imported
+// run, which has no single messages, only the greatest wake-up latency is judged.
 Judgement judge(const Gate&, const statistics::Summary&);  // one that is not relative
 // Of repetitions. A side of one run is judged only if asked for: the interval is then about these runs, and
 // not about what changes from one start to the next.
