@@ -287,7 +287,7 @@ TEST_F(Load, OfRootWithoutSysAdminRunsAndNothingOutlivesIt) {
   EXPECT_TRUE(gone_within(60s, leader)) << ::testing::PrintToString(names(group(leader)));
 }
 
-// A rootless container maps one user: there is no nobody.
+// A rootless container maps one user: the user nobody is not there.
 TEST_F(Load, OfRootWithoutOtherUsersRuns) {
   Victim victim(few_, directory_, [] {
     const auto uid = geteuid(), gid = getegid();
