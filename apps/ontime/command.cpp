@@ -164,7 +164,7 @@ Option* Command::add_option(const std::string& flags, Value& value, const std::s
     return word == "-h" || (word.size() > 2 && word.starts_with("--")) ? "a value is missing before " + word
                                                                        : "";
   };
-  option->check(CLI::Validator(flaw, ""));
+  if (!option->get_positional()) option->check(CLI::Validator(flaw, ""));
   return keep(what.empty() && !option->get_positional() ? option : option->type_name(what));
 }
 using Text = const std::string&;

@@ -90,7 +90,7 @@ std::string shown(const std::vector<statistics::Summary>& runs, report::Format f
                   report::Origin origin) {
   const auto own = realtime::privileges();
   origin.is_root = own.is_root();
-  origin.has_no_root = own.is_final_without(CAP_SYS_ADMIN);
+  origin.has_no_root = origin.is_own && own.is_final_without(CAP_SYS_ADMIN);  // of the machine that measured
   origin.trusts = is_trusted;
   return full ? report::render(runs, format, origin, output_columns())
               : report::render_answer(runs, format, origin, output_columns());

@@ -188,7 +188,7 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   auto& sequence = stream.sequence;
   const std::uint64_t number = message.sequence, index = stream.in_file++;
   const bool is_of_file = this->is_of_file(stream, number);
-  if (index == 1 && (number == 0) != (stream.number_before == 0))
+  if (index == 1 && !sequence.has_begun() && (number == 0) != (stream.number_before == 0))
     stream.has_zero = stream.has_zero || std::max(number, stream.number_before) <= longest_loss;
   const bool may_be_number = number != 0 || stream.has_zero || (index == 0 && !sequence.has_begun());
   if (stream.is_mixed || !may_be_number) return false;

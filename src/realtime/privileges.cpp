@@ -89,7 +89,7 @@ std::string how_to_permit_container(const Privileges& own) {
         "the host (/etc/security/limits.d), and start it with docker run {}",
         limits);
   if (!own.is_final_without(CAP_SYS_NICE) && !own.is_final_without(CAP_IPC_LOCK)) return "";
-  return fmt::format("start the container with docker run --cap-add SYS_NICE {}", limits);
+  return fmt::format("let the container (or service) have it: docker run --cap-add SYS_NICE {}", limits);
 }
 
 std::string how_to_be_root_in_container(const Privileges& own) {
@@ -98,8 +98,8 @@ std::string how_to_be_root_in_container(const Privileges& own) {
     if (own.is_final_without(capability)) options += fmt::format(" --cap-add {}", name);
   if (options.empty()) return "";
   const bool is_roots = own.is_root() && own.is_of_first_namespace();
-  return fmt::format("start the container{} with docker run{} (or --privileged)", is_roots ? "" : " as root",
-                     options);
+  return fmt::format("let the container (or service) have it{}: docker run{} (or --privileged)",
+                     is_roots ? "" : ", as root", options);
 }
 
 std::string how_to_permit_capabilities() {

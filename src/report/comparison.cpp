@@ -409,6 +409,11 @@ bool is_requested(const Difference& difference) {
   return host.empty() && rest != "ontime";
 }
 
+// Of an import it has none.
+std::string without_host(const std::string& text, std::string_view host) {
+  return text.starts_with(fmt::format("{} ", host)) ? text.substr(host.size() + 1) : text;
+}
+
 std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
   std::vector<Difference> all;
   for (const auto& difference : differences) {
@@ -424,7 +429,7 @@ std::vector<Difference> by_importance(const std::vector<Difference>& differences
       all.push_back(difference);
     else if (host == "controller")
       all.push_back({fmt::format("both {}", rest), difference.from, difference.to,
-                     difference.text.substr(host.size() + 1)});
+                     without_host(difference.text, host)});
   }
   std::ranges::stable_sort(all, {}, rank_of);
   return all;

@@ -154,8 +154,9 @@ std::vector<std::string> mixed(const Comparison::Runs& runs) {
   if (runs.size() < 2) return {};
   auto values = values_of(runs);
   std::vector<std::string> several;
+  const auto is_kernel = [](const std::string& one) { return one.starts_with("Linux "); };
   const auto add = [&](std::set<std::string> all, const std::string& what) {
-    if (all.size() < 2) return;
+    if (all.size() < 2 || std::ranges::all_of(all, is_kernel)) return;  // a transport's version: told already
     shorten(all);
     std::vector<std::string> named(all.begin(), all.end());
     if (named.size() > most_named) named.resize(most_named);

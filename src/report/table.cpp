@@ -231,10 +231,13 @@ std::string legend_of(const std::vector<Table>& tables, const Summaries& summari
   const auto explain = [&](bool is_there, const char* text) {
     if (is_there) texts.emplace_back(text);
   };
-  if (has_column("Missed\n(%)") || has_column("Missed (%)"))
-    texts.push_back(any([&](const Summary& run) { return !is_listened(run) && !run.imported; })
-                        ? "Missed (%): cycles without an answer in time, of all cycles."
-                        : "Missed (%): late or lost messages, of all messages.");
+  if (has_column("Missed\n(%)") || has_column("Missed (%)")) {
+    const bool has_listened = any([](const Summary& run) { return is_listened(run); });
+    texts.push_back(!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })
+                        ? "Missed (%): late or lost messages, of all messages."
+                        : fmt::format("Missed (%): cycles without an answer in time, of all cycles{}.",
+                                      has_listened ? "; of a robot's topic late or lost messages" : ""));
+  }
   explain(has_cell(begins_with("~")), "~: fewer than 10 messages were slower.");
   explain(has_cell(begins_with("[")), "[low, high]: 95 % confidence interval.");
   explain(has_cell(begins_with("≥")),

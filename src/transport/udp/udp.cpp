@@ -133,7 +133,8 @@ class Udp final : public Endpoint {
           "{} answers, but is no pong: another program, or another version of ontime, has that port", peer_);
     if (last_error_ == EPERM)
       return fmt::format(
-          "{}: a packet filter of this machine forbids it. Fix: nft list ruleset shows the rule", peer_);
+          "{}: a packet filter of this machine forbids it (nft list ruleset, or a service's IPAddressDeny)",
+          peer_);
     if (last_error_ == ECONNREFUSED)
       return fmt::format("{} refuses: the host is up, but no pong listens on that port", peer_);
     if (last_error_ != 0) return fmt::format("{}: {}", peer_, std::generic_category().message(last_error_));
