@@ -232,7 +232,7 @@ std::string legend_of(const std::vector<Table>& tables, const Summaries& summari
     if (is_there) texts.emplace_back(text);
   };
   if (has_column("Missed\n(%)") || has_column("Missed (%)")) {
-    const bool has_listened = any([](const Summary& run) { return is_listened(run); });
+    const bool has_listened = any(is_listened);
     texts.push_back(!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })
                         ? "Missed (%): late or lost messages, of all messages."
                         : fmt::format("Missed (%): cycles without an answer in time, of all cycles{}.",
