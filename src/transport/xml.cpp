@@ -24,7 +24,7 @@ namespace {
 // 48 bits of FNV-1a: enough to tell the texts of one user apart.
 std::string hash_of(const std::string& text) {
   std::uint64_t hash = 0xcbf29ce484222325;
-  for (const unsigned char byte : text) hash = (hash ^ byte) * 0x100000001b3;
+  for (const char byte : text) hash = (hash ^ static_cast<unsigned char>(byte)) * 0x100000001b3;
   std::ostringstream out;
   out << std::hex << std::setw(12) << std::setfill('0') << (hash >> 16U);
   return out.str();
