@@ -47,20 +47,13 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
 // Not measured to its end or as asked.
 bool is_flawed(const Summary* run) { return state_of(*run) >= Answer::State::not_applied; }
 
-// As the tables have it: " (NOT APPLIED)", of repetitions the gravest; else empty.
-std::string mark_of(const Group& runs) {
-  const auto* const worst =
-      *std::ranges::max_element(runs, {}, [](const auto* run) { return state_of(*run); });
-  return is_flawed(worst) ? fmt::format(" ({})", word_of(state_of(*worst))) : "";
-}
-
 }  // namespace
 
 std::vector<std::string> names_of(const Group& group) {
   const auto labels = [](const Group& runs) { return labels_of(runs, between_conditions); };
   auto names = names_with(group, within_ids(group, labels), labels(group));
   tell_apart(names, group);
-  for (std::size_t i = 0; i < group.size(); ++i) names[i] += mark_of({group[i]});
+  for (std::size_t i = 0; i < group.size(); ++i) names[i] += report::unfit_mark({group[i]});
   return names;
 }
 
@@ -85,7 +78,7 @@ std::vector<Condition> conditions_of(const Group& group) {
     else
       conditions.push_back({names[i], labels[i], {group[i]}});
   }
-  for (auto& condition : conditions) condition.name += mark_of(condition.runs);
+  for (auto& condition : conditions) condition.name += report::unfit_mark(condition.runs);
   return conditions;
 }
 

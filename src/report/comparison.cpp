@@ -242,11 +242,15 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
   return table;
 }
 
+std::string without_host(const std::string& text, std::string_view host) {
+  return text.starts_with(fmt::format("{} ", host)) ? text.substr(host.size() + 1) : text;
+}
+
 std::vector<Difference> all_differences(const Pair& pair) {
-  constexpr std::string_view host = "controller ";  // of an import the only one
   auto all = import_differences(pair);
   for (auto& difference : differences(pair)) {
-    if (is_imported(pair) && difference.text.starts_with(host)) difference.text.erase(0, host.size());
+    // An import has no other host.
+    if (is_imported(pair)) difference.text = without_host(difference.text, "controller");
     all.push_back(std::move(difference));
   }
   return all;
@@ -407,11 +411,6 @@ std::string nearest(const Comparison& comparison) {
 bool is_requested(const Difference& difference) {
   const auto [host, rest] = host_and_rest(difference.what);
   return host.empty() && rest != "ontime";
-}
-
-// Of an import it has none.
-std::string without_host(const std::string& text, std::string_view host) {
-  return text.starts_with(fmt::format("{} ", host)) ? text.substr(host.size() + 1) : text;
 }
 
 std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
