@@ -389,59 +389,6 @@ TEST_F(Load, WorkerThatWasKilledIsMissed) {
   EXPECT_TRUE(wait_until([&] { return !running->running(); }, 60s));
 }
 
-TEST(LoadsRoom, DefaultsAreThoseOfThePaper) {
-  Room room{4096 * mebibyte, 8192 * mebibyte, false};
-  const auto fitted = fit({.vm = 2, .hdd = 2}, room);
-  EXPECT_EQ(fitted.workers.vm_bytes, 256 * mebibyte);
-  EXPECT_EQ(fitted.workers.hdd_bytes, 1024 * mebibyte);
-  EXPECT_EQ(fitted.scaled, "");
-  EXPECT_EQ(room.memory_bytes, (4096 - 512) * mebibyte);
-  EXPECT_EQ(room.disk_bytes, (8192 - 2048) * mebibyte);
-}
-
-TEST(LoadsRoom, DefaultsAreReducedAndReportedIfRoomIsSmall) {
-  Room room{300 * mebibyte, 900 * mebibyte, false};
-  const auto fitted = fit({.vm = 4, .hdd = 3}, room);
-  EXPECT_EQ(fitted.workers.vm_bytes, 75 * mebibyte);
-  EXPECT_EQ(fitted.workers.hdd_bytes, 300 * mebibyte);
-  EXPECT_THAT(fitted.scaled,
-              AllOf(HasSubstr("75 MiB"), HasSubstr("256 MiB"), HasSubstr("300 MiB"), HasSubstr("1024 MiB")));
-}
-
-TEST(LoadsRoom, IsNotMoreThanItsControlGroupHasLeft) {
-  EXPECT_EQ(room_for("/", machine::GroupMemory{100 * mebibyte, 30 * mebibyte}).memory_bytes, 60 * mebibyte);
-  EXPECT_EQ(room_for("/", machine::GroupMemory{100 * mebibyte, 200 * mebibyte}).memory_bytes, 0u);
-  EXPECT_GT(room_for("/", {}).memory_bytes, 60 * mebibyte);
-  EXPECT_GT(room_for("/", machine::GroupMemory{UINT64_MAX, 30 * mebibyte}).memory_bytes, 60 * mebibyte);
-}
-
-TEST(LoadsRoom, HddWorkersThatWriteToMemoryAreReported) {
-  Room room{4096 * mebibyte, 8192 * mebibyte, true};
-  EXPECT_THAT(fit({.hdd = 1}, room).scaled, AllOf(HasSubstr("tmpfs"), HasSubstr("TMPDIR")));
-  EXPECT_EQ(fit({.vm = 1}, room).scaled, "");
-}
-
-TEST(LoadsRoom, StatedSizesThatHaveNoRoomAreRefused) {
-  const auto refused = [](const Workers& workers, Room room) {
-    try {
-      fit(workers, room);
-    } catch (const Error& error) {
-      return std::string(error.what());
-    }
-    return std::string();
-  };
-  const Room small{300 * mebibyte, 300 * mebibyte, false};
-  EXPECT_THAT(refused({.vm = 4, .vm_bytes = 256 * mebibyte}, small),
-              AllOf(HasSubstr("4 vm workers of 256 MiB each"), HasSubstr("300 MiB")));
-  EXPECT_THAT(refused({.hdd = 2, .hdd_bytes = 2048 * mebibyte}, small), HasSubstr("more disk"));
-  EXPECT_THAT(refused({.vm = 2, .vm_bytes = UINT64_MAX / 2 + 1}, small), HasSubstr("more memory"));
-  // On a tmpfs what is written is memory, too.
-  EXPECT_THAT(refused({.vm = 1, .hdd = 1, .vm_bytes = 200 * mebibyte, .hdd_bytes = 200 * mebibyte},
-                      {300 * mebibyte, 900 * mebibyte, true}),
-              HasSubstr("tmpfs"));
-  EXPECT_EQ(refused({.vm = 1, .vm_bytes = 256 * mebibyte}, small), "");
-}
-
 // A process in a frozen group of version 1 is not even killed, as one in an uninterruptible call is not.
 TEST_F(Load, UnkillableLoadDoesNotBlockItsEnd) {
   const fs::path freezer = "/sys/fs/cgroup/freezer/ontime-load-test";
