@@ -274,19 +274,6 @@ TEST_F(Following, MissingSamplesAreCountedOnceTheRunHasEnded) {
     EXPECT_THAT(metrics, HasSubstr(std::string("fate=\"") + fate + "\n"));
 }
 
-// Of a period of 10 ms: 9 of 3,600 were late.
-json recorded() {
-  return {{"sent", 3600},
-          {"late", 9},
-          {"loss_unknown", true},
-          {"histogram",
-           {{"values", {{10'000'000, 3591}, {28'000'000, 8}, {108'000'000, 1}}},
-            {"beyond", 0},
-            {"beyond_from_ns", 0},
-            {"max_ns", 108'000'000},
-            {"mean_ns", 10'067'222.0}}}};
-}
-
 TEST_F(Following, SamplesThatComeAtTheEndAreReported) {
   const auto child = measuring({[](record::Writer& writer) {
     writer.note(writer.begin_run(asked()), {"samples-wait", "they wait", {}, {}});
