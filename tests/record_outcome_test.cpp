@@ -190,7 +190,7 @@ TEST(Outcome, UnknownMembersAreNullOrNotWritten) {
   const auto host = to_json(unknown);
   for (const auto* null : {"link", "neighbours", "load_running", "ssh_link", "answered"})
     EXPECT_TRUE(host.at(null).is_null()) << null;
-  for (const auto* missing : {"kernel", "isolation", "load", "started_again", "cpu_quota"})
+  for (const auto* missing : {"kernel", "isolation", "settings", "load", "started_again", "cpu_quota"})
     EXPECT_FALSE(host.contains(missing)) << missing;
   EXPECT_TRUE(host.at("threads").is_array());
   unknown.load.emplace();

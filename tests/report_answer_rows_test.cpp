@@ -9,6 +9,7 @@ namespace {
 
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 using ::testing::StartsWith;
 using State = Answer::State;
 
@@ -207,6 +208,12 @@ TEST(Answer, RepetitionsOfSeveralMachinesOrVersionsAreACaution) {
   for (const auto* host : {"controller", "component"}) set(1, host, "machine/kernel_release", "5.10");
   EXPECT_EQ(mixture(), "a udp ×2: repetitions come from 2 kernels: 5.10 and 6.1");
   EXPECT_THAT(render(runs, Format::markdown, kept), HasSubstr("repetitions come from 2 kernels"));
+  for (std::size_t i = 0; i < 2; ++i) {
+    set(i, "component", "settings/gro", i == 0 ? "on" : "off");
+    set(i, "component", "settings/irq-cpus", i == 0 ? "0" : "1");
+  }
+  EXPECT_THAT(mixture(), AllOf(HasSubstr("2 values of kernel.gro of the component: off and on"),
+                               Not(HasSubstr("irq-cpus"))));
   set(1, "component", "transport/version", "0.1.1");
   amend(runs[1].run.asked, "/ontime", "0.3.0");
   EXPECT_THAT(mixture(), AllOf(HasSubstr("2 kernels: "), HasSubstr("2 transport versions of the component: "),

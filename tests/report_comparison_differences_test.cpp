@@ -49,6 +49,21 @@ TEST(Compare, ConfigurationThatDiffersAtItsEndIsNamed) {
   EXPECT_THAT(found()[0].at("to").get<std::string>(), HasSubstr("000000000002"));
 }
 
+TEST(Compare, SettingsOfAMachineThatNoneRequestedAreNamedIfBothRunsKnowThem) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  const auto text = [&] { return render_answer(compare(a, b), {}, Format::table, "", 1000); };
+  const auto set = [](std::vector<Summary>& runs, const char* name, const char* value) {
+    for (const auto* host : {"controller", "component"})
+      amend(runs[0].run.outcome, fmt::format("/hosts/{}/settings/{}", host, name), value);
+  };
+  set(b, "rmem-max", "8000 B");
+  EXPECT_THAT(text(), Not(HasSubstr("rmem-max"))) << "an older ontime noted none";
+  set(a, "rmem-max", "4000 B");
+  EXPECT_THAT(text(), HasSubstr("Also different: kernel.rmem-max: 4000 B → 8000 B\n"));
+  amend(b[0].run.asked, "/kernel", {{"rmem-max", "8000"}});
+  EXPECT_THAT(text(), AllOf(HasSubstr("rmem-max: "), Not(HasSubstr("4000 B"))));
+}
+
 TEST(Compare, SettingsThatFollowFromRealtimeAreNotListed) {
   const auto settings = [](const char* realtime) {
     conditions::Run with;

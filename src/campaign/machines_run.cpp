@@ -281,7 +281,12 @@ void Machines::unload() {
 }
 
 void Machines::begin() {
-  for (auto& [reach, machine] : machines_) ask(machine, "begin", "begun");
+  for (auto& [reach, machine] : machines_) {
+    auto links = json::object();
+    for (const auto& host : machine.hosts)
+      if (network_namespace(hosts_.at(host))) links[host] = link_of(host);
+    ask(machine, "begin", "begun", {{"links", std::move(links)}});
+  }
 }
 
 Machines::Account Machines::end() {

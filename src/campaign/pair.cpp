@@ -289,6 +289,7 @@ record::Outcome Pair::outcome(const Machines::Account& account) const {
     host.load = of_machine.load;
     host.load_running = of_machine.load_running;
     host.kernel = of_machine.kernel;
+    host.settings = of_machine.settings;
     host.isolation = of_machine.isolation;
     if (const auto links = account.links.find(run_.component);
         links != account.links.end() && !host.link.interface.empty())

@@ -109,6 +109,8 @@ class Keeper final : public orders::Worker {
       unload();
     } else if (order == "begin") {
       machine_ = machine::describe();
+      settings_.clear();
+      for (const auto& [host, link] : body.at("links").items()) settings_[host] = present(link);
       activity_ = machine::activity();
       flows_.begin();
       links_.begin();
@@ -278,6 +280,7 @@ class Keeper final : public orders::Worker {
       if (writes(load)) all[host].load->hdd_file_bytes = load.running->hdd_bytes();
     }
     for (auto& [host, settings] : tuned_.now()) all[host].kernel = std::move(settings);
+    for (const auto& [host, settings] : settings_) all[host].settings = settings;
     for (auto& [host, things] : isolated_.now()) all[host].isolation = std::move(things);
     return record::to_json(all);
   }
@@ -307,6 +310,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
+  std::map<std::string, record::ByName<std::string>> settings_;  // by host
   std::optional<std::vector<std::string>> told_;  // once all was given back and told: what was left
 };
 

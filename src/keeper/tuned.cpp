@@ -26,6 +26,15 @@ std::string why_not(const settings::Wishes& wishes, const settings::Link& link) 
   return "";
 }
 
+// Without an interface no setting of one can be had.
+settings::Link link_if_found(const json& from) {
+  try {
+    return link_of(from);
+  } catch (const machine::Error&) {
+    return {};
+  }
+}
+
 }  // namespace
 
 settings::Link link_of(const json& from) {
@@ -49,12 +58,18 @@ std::vector<record::Applied> applied(const std::vector<settings::Change>& change
   return all;
 }
 
-json look(const json& order) {
-  settings::Link link;
+record::ByName<std::string> present(const json& link) {
+  record::ByName<std::string> values;
   try {
-    link = link_of(order.at("link"));
-  } catch (const machine::Error&) {  // then no setting of an interface can be had
+    for (const auto& state : settings::show(link_if_found(link)))
+      if (!state.things.empty()) values[state.setting->name] = settings::values_that_keep(state);
+  } catch (const std::exception&) {  // no interface of that name: a run tells it by itself
   }
+  return values;
+}
+
+json look(const json& order) {
+  const auto link = link_if_found(order.at("link"));
   const realtime::CpuLatencyRequest request(std::chrono::microseconds(0));
   return {{"interface", link.interface},
           {"network_namespace", link.network_namespace},

@@ -248,6 +248,7 @@ struct Host {
   std::vector<Thread> threads;
   std::vector<Refusal> refusals;
   std::vector<Applied> kernel, isolation;
+  ByName<std::string> settings;      // of the machine, as the run began: name, value
   std::optional<bool> load_running;  // nothing: no load was requested
   std::optional<GivenLoad> load;     // nothing: an older ontime, which did not note it
   Losses losses;
@@ -265,8 +266,8 @@ struct Host {
          of.load_running, "losses", of.losses, "drops", of.drops, "ssh_link", of.ssh_link, "shared_memory",
          of.shared_memory, "answered", of.answered);
     each<or_null>(field, "machine", of.machine, "link", of.link, "neighbours", of.background);
-    each<if_set>(field, "kernel", of.kernel, "isolation", of.isolation, "load", of.load, "started_again",
-                 of.started_again, "cpu_quota", of.cpu_quota);
+    each<if_set>(field, "kernel", of.kernel, "isolation", of.isolation, "settings", of.settings, "load",
+                 of.load, "started_again", of.started_again, "cpu_quota", of.cpu_quota);
   }
 };
 

@@ -17,6 +17,10 @@ using nlohmann::json;
 
 constexpr std::size_t longest_difference = 60;
 constexpr const char* realtime_settings = "realtime_settings";
+// Between a host and the name of a setting, as its machine had it.
+constexpr std::string_view present_setting = " kernel.";
+// irqbalance changes it all the time.
+constexpr std::string_view of_balancing = "irq-cpus";
 // Differs in every run.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
@@ -81,6 +85,8 @@ Values values_of(const Comparison::Runs& runs) {
       if (host.machine.document.is_object())
         for (const auto& [key, value] : host.machine.document.items())
           if (!of_the_moment.contains(key)) add(values, of + " " + printable(key), value);
+      for (const auto& [name, value] : host.settings)
+        add_text(fmt::format("{}{}{}", of, present_setting, name), value);
       add_text(of + " transport name", host.transport.name);
       add_text(of + " transport version", host.transport.version);
       if (const auto found = host.transport.facts.find("configuration"); found != host.transport.facts.end())
@@ -138,6 +144,11 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
   for (const auto& name : names) {
     auto &one = before[name], &other = after[name];
     if (one == other) continue;
+    if (const auto found = name.find(present_setting); found != name.npos) {
+      if (one.empty() || other.empty()) continue;  // an older record, or an interface without it
+      const auto asked = "kernel " + name.substr(found + present_setting.size());
+      if (before[asked] != after[asked]) continue;  // told as requested
+    }
     shorten(one, other);
     found.push_back({name, one_of(before, name), one_of(after, name), text_of(name, before, after)});
   }
@@ -170,6 +181,9 @@ std::vector<std::string> mixed(const Comparison::Runs& runs) {
     add(controller, fmt::format("{}{}", what, is_of_both ? "" : " of the controller"));
     if (!is_of_both) add(component, fmt::format("{} of the component", what));
   }
+  for (const auto& [name, all] : values)
+    if (const auto found = name.find(present_setting); found != name.npos && !name.ends_with(of_balancing))
+      add(all, fmt::format("values of {} of the {}", name.substr(found + 1), name.substr(0, found)));
   add(values["ontime"], "versions of ontime");
   return several;
 }

@@ -121,6 +121,9 @@ class Tune(unittest.TestCase):
         for host in ("controller", "component"):
             said = run["hosts"][host]["kernel"]
             self.assertEqual({one["setting"] for one in said}, set(run["conditions"]["kernel"]))
+            present = run["hosts"][host]["settings"]
+            self.assertEqual([present[name] for name in ("ksoftirqd", "busy-poll", "threaded-napi", "timer-migration")],
+                             ["60", "50 us", "on", "on"], "also one that was not requested")
             for one in said:
                 self.assertEqual(one["now"], one["after"])
             self.assertEqual({one["after"].rsplit(":", 1)[0] for one in said if one["setting"] == "napi-threads"}, {"fifo:55"})
