@@ -17,7 +17,7 @@ namespace ontime::keeper {
 // the route to the peer, else the interface with the address.
 settings::Link link_of(const nlohmann::json&);
 std::vector<record::Applied> applied(const std::vector<settings::Change>&, const settings::Link&);
-// All settings that can be read there, in the words of `ontime tune show`: whoever made them.
+// All settings that can be read there, in the words of `ontime tune show`. It does not matter who made them.
 record::ByName<std::string> present(const nlohmann::json& link);
 // The order "look", and its answer.
 nlohmann::json look(const nlohmann::json& order);

@@ -104,15 +104,7 @@ bool is_beyond(const Pair& pair, const Quantity& row) {
 }
 
 std::string list_of(const std::vector<Difference>& differences) {
-  return join(texts_of(by_importance(differences), &Difference::text), "; ");
-}
-
-// "controller cpu_count": the host, and what is of it; no host: it is of the run.
-std::pair<std::string_view, std::string_view> host_and_rest(std::string_view what) {
-  for (const std::string_view host : {"controller", "component", "both"})
-    if (what.starts_with(host) && what.substr(host.size()).starts_with(' '))
-      return {host, what.substr(host.size() + 1)};
-  return {"", what};
+  return join(texts_of(by_importance(differences), &Difference::words), "; ");
 }
 
 std::size_t rank_of(const Difference& difference) {
@@ -120,10 +112,9 @@ std::size_t rank_of(const Difference& difference) {
                                            "preemption", "cpu_model",    "cpu_count",     "transport",
                                            "ontime",     "governor",     "isolated_cpus", "clocksource"};
   constexpr std::string_view last = "kernel_command_line";  // the longest
-  const auto [host, rest] = host_and_rest(difference.what);
   if (is_requested(difference)) return 0;
-  const auto* const found = std::ranges::find(of_hosts, rest.substr(0, rest.find(' ')));
-  return 1 + static_cast<std::size_t>(found - std::begin(of_hosts)) + (rest == last ? 1 : 0);
+  const auto* const found = std::ranges::find(of_hosts, difference.what.substr(0, difference.what.find(' ')));
+  return 1 + static_cast<std::size_t>(found - std::begin(of_hosts)) + (difference.what == last ? 1 : 0);
 }
 
 // Of imports: what the other tool says of itself, without the options for its output.
@@ -151,7 +142,7 @@ std::vector<Difference> import_differences(const Pair& pair) {
   const auto add = [&](const char* what, auto text_of_run) {
     const auto from = one_of(pair.from, text_of_run), to = one_of(pair.to, text_of_run);
     if (from != to && !from.empty() && !to.empty())  // a text file has neither
-      found.push_back({what, from, to, fmt::format("{}: {} → {}", what, from, to)});
+      found.push_back({"", what, from, to, fmt::format("{}: {} → {}", what, from, to)});
   };
   add("command line", command_of);
   add("rt-tests", [](const auto& run) {
@@ -242,17 +233,9 @@ Table table_of(const Comparison& comparison, const Pair& pair) {
   return table;
 }
 
-std::string without_host(const std::string& text, std::string_view host) {
-  return text.starts_with(fmt::format("{} ", host)) ? text.substr(host.size() + 1) : text;
-}
-
 std::vector<Difference> all_differences(const Pair& pair) {
   auto all = import_differences(pair);
-  for (auto& difference : differences(pair)) {
-    // An import has no other host.
-    if (is_imported(pair)) difference.text = without_host(difference.text, "controller");
-    all.push_back(std::move(difference));
-  }
+  std::ranges::move(differences(pair), std::back_inserter(all));
   return all;
 }
 
@@ -287,7 +270,11 @@ Table imported_table_of(const Comparison& comparison, const Pair& pair) {
     table.rows.push_back(
         {statistics::metric_of(figure).name, cell(pair.from, figure), cell(pair.to, figure)});
   table.notes.push_back(sides_text(comparison, pair));
-  if (const auto text = list_of(all_differences(pair)); !text.empty())
+  auto differences = all_differences(pair);
+  if (is_imported(pair))  // which has no other host
+    for (auto& difference : differences)
+      if (!difference.host.empty()) difference.host = Difference::both;
+  if (const auto text = list_of(differences); !text.empty())
     table.notes.push_back("also different (A → B): " + text);
   return table;
 }
@@ -379,7 +366,7 @@ ordered_json metrics_of(const Pair& pair) {
 
 ordered_json json_of(const Pair& pair) {
   const auto not_the_same = array_of(all_differences(pair), [](const Difference& one) {
-    return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
+    return ordered_json{{"what", one.name()}, {"from", one.from}, {"to", one.to}};
   });
   const auto metrics = metrics_of(pair);
   return {{"from", runs_json_of(pair.from)}, {"to", runs_json_of(pair.to)},
@@ -409,26 +396,20 @@ std::string nearest(const Comparison& comparison) {
 }  // namespace
 
 bool is_requested(const Difference& difference) {
-  const auto [host, rest] = host_and_rest(difference.what);
-  return host.empty() && rest != "ontime";
+  return difference.host.empty() && difference.what != "ontime";
 }
 
 std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
   std::vector<Difference> all;
   for (const auto& difference : differences) {
-    const auto [host, rest] = host_and_rest(difference.what);
-    const auto is_same = [&, rest = rest](const char* of, const Difference& other) {
-      return other.what == fmt::format("{} {}", of, rest) && other.from == difference.from &&
-             other.to == difference.to;
-    };
-    const auto has = [&](const char* of) {
-      return std::ranges::any_of(differences, [&](const auto& other) { return is_same(of, other); });
-    };
-    if (host.empty() || !has("controller") || !has("component"))
-      all.push_back(difference);
-    else if (host == "controller")
-      all.push_back({fmt::format("both {}", rest), difference.from, difference.to,
-                     without_host(difference.text, host)});
+    const bool is_of_both =
+        !difference.host.empty() && std::ranges::any_of(differences, [&](const Difference& other) {
+          return !other.host.empty() && other.host != difference.host && other.what == difference.what &&
+                 other.from == difference.from && other.to == difference.to;
+        });
+    if (is_of_both && difference.host != record::both_hosts[0]) continue;
+    all.push_back(difference);
+    if (is_of_both) all.back().host = Difference::both;
   }
   std::ranges::stable_sort(all, {}, rank_of);
   return all;

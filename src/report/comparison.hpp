@@ -73,17 +73,24 @@ std::string render_answer(Comparison, const std::vector<gate::Judgement>&, Forma
 // and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
-// A condition that differs between the sides, such as "controller kernel_release", with both values; several
-// values where repetitions have several. For whole runs; none if a side has no whole run.
+// A condition that differs between the sides, with both values; several values where repetitions have
+// several. For whole runs; none if a side has no whole run.
 struct Difference {
-  std::string what, from, to;
-  std::string text;  // for people: "period: 10 ms → 20 ms"
+  std::string host;  // "controller", "component", or, of by_importance(), both; "": of the run
+  std::string what;  // "kernel_release"
+  std::string from, to;
+  std::string text;  // for people, without the host: "period: 10 ms → 20 ms"
+
+  static constexpr const char* both = "both";
+  std::string name() const { return host.empty() ? what : host + ' ' + what; }
+  // "controller kernel_release: 5.10 → 6.1"; of both hosts, "kernel_release: 5.10 → 6.1".
+  std::string words() const { return host.empty() || host == both ? text : host + ' ' + text; }
 };
 std::vector<Difference> differences(const Comparison::Pair&);
 // Without the comparison's key, and what follows from it.
 std::vector<Difference> other_differences(const Comparison&, const Comparison::Pair&);
-// What was requested first, then what an observer of two machines looks at. What both hosts have in common is
-// one difference, of "both"; its text names no host.
+// What was requested first, then what an observer of two machines looks at. What is the same on both hosts is
+// one difference.
 std::vector<Difference> by_importance(const std::vector<Difference>&);
 bool is_requested(const Difference&);
 

@@ -186,28 +186,30 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
 
 // Settings that belong together become a count: "realtime: off → on; kernel (2 values)".
 std::string differences_text(const Comparison& comparison) {
-  constexpr std::string_view version = " transport version", of_kernel = "Linux ";
+  constexpr std::string_view version = "transport version", of_kernel = "Linux ";
   std::vector<Difference> all;
   for (const auto& pair : comparison.pairs)
     for (auto& difference : other_differences(comparison, pair)) {
-      auto& [what, from, to, difference_text] = difference;
-      if (what.ends_with(version)) {  // each pair may have another transport
+      auto& [host, what, from, to, difference_text] = difference;
+      if (what == version) {  // each pair may have another transport
         if (from.starts_with(of_kernel) && to.starts_with(of_kernel)) continue;  // kernel_release says it
         const auto transport = word(pair.to.front()->run.asked.task.transport);
         difference_text =
             replace_all(difference_text, "transport version", fmt::format("{} version", transport));
         what += " of " + transport;
       }
-      if (std::ranges::find(all, what, &Difference::what) == all.end()) all.push_back(std::move(difference));
+      if (std::ranges::find(all, difference.name(), &Difference::name) == all.end())
+        all.push_back(std::move(difference));
     }
   std::vector<std::pair<std::string, std::vector<Difference>>> kinds;
   for (auto& difference : by_importance(all)) {
-    const auto words = split(difference.what, ' ');
-    const auto name = difference.what.find(" version of ") != std::string::npos ? difference.what
-                      : !is_requested(difference) && words.size() > 1           ? words[0] + " " + words[1]
-                      : words[0] == "others"     ? "the other components"  // the record's words
-                      : words[0] == "neighbours" ? "background topics"
-                                                 : words[0];
+    const auto first = split(difference.what, ' ')[0];
+    const bool is_of_one_host = !difference.host.empty() && difference.host != Difference::both;
+    const auto name = difference.what.find(" version of ") != std::string::npos ? difference.name()
+                      : is_of_one_host        ? difference.host + ' ' + first
+                      : first == "others"     ? "the other components"  // the record's words
+                      : first == "neighbours" ? "background topics"
+                                              : first;
     if (name != "id") entry_of(kinds, name).push_back(std::move(difference));
   }
   // Of what was requested, what takes the fewest words first.
@@ -217,11 +219,8 @@ std::string differences_text(const Comparison& comparison) {
                            [](const auto& kind) { return kind.second.size(); });
   const auto text = [](const auto& kind) {
     const auto& [name, of_kind] = kind;
-    constexpr std::string_view of_both = "both ";
-    return of_kind.size() == 1
-               ? of_kind.front().text
-               : fmt::format("{} ({} values)", name.substr(name.starts_with(of_both) ? of_both.size() : 0),
-                             of_kind.size());
+    return of_kind.size() == 1 ? of_kind.front().words()
+                               : fmt::format("{} ({} values)", name, of_kind.size());
   };
   return join(texts_of(kinds, text), "; ");
 }

@@ -17,21 +17,27 @@ using nlohmann::json;
 
 constexpr std::size_t longest_difference = 60;
 constexpr const char* realtime_settings = "realtime_settings";
-// Between a host and the name of a setting, as its machine had it.
-constexpr std::string_view present_setting = " kernel.";
+// Before the name of a setting, as its machine had it.
+constexpr std::string_view present_setting = "kernel.";
 // irqbalance changes it all the time.
 constexpr std::string_view of_balancing = "irq-cpus";
 // Differs in every run.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
-// By name, all values that runs have of it.
-using Values = std::map<std::string, std::set<std::string>>;
+// A fact of a host, or of the run.
+struct Fact {
+  std::string host, name;
+  auto operator<=>(const Fact&) const = default;
+};
+// All values that runs have of it.
+using Values = std::map<Fact, std::set<std::string>>;
 
-void add(Values& values, const std::string& name, const json& value) {
+void add(Values& values, const Fact& fact, const json& value) {
   if (value.is_object() && !value.empty()) {
-    for (const auto& [key, member] : value.items()) add(values, name + " " + printable(key), member);
+    for (const auto& [key, member] : value.items())
+      add(values, {fact.host, fact.name + " " + printable(key)}, member);
   } else if (!value.is_null()) {
-    values[name].insert(word(value));
+    values[fact].insert(word(value));
   }
 }
 
@@ -51,15 +57,15 @@ void shorten(Sets&... all) {
 }
 
 // The real-time settings of these runs that `realtime: on`, or off, does not have of itself.
-std::set<std::string> own_settings_of(const Comparison::Runs& runs) {
-  std::set<std::string> own;
+std::set<Fact> own_settings_of(const Comparison::Runs& runs) {
+  std::set<Fact> own;
   for (const auto* run : runs) {
     const auto asked = record::conditions_of(run->run.asked.document);
     Values values, follow;
-    add(values, realtime_settings, record::at(asked, realtime_settings));
-    add(follow, realtime_settings, record::at(following(asked, "realtime"), realtime_settings));
-    for (const auto& [name, value] : values)
-      if (follow[name] != value) own.insert(name);
+    add(values, {"", realtime_settings}, record::at(asked, realtime_settings));
+    add(follow, {"", realtime_settings}, record::at(following(asked, "realtime"), realtime_settings));
+    for (const auto& [fact, value] : values)
+      if (follow[fact] != value) own.insert(fact);
   }
   return own;
 }
@@ -71,43 +77,41 @@ Values values_of(const Comparison::Runs& runs) {
     const auto& outcome = run->run.outcome;
     const auto conditions = record::conditions_of(asked.document);
     if (conditions.is_object())
-      for (const auto& [name, value] : conditions.items()) add(values, printable(name), value);
-    const auto add_text = [&](const std::string& name, const std::string& text) {
-      if (!text.empty()) add(values, name, text);
+      for (const auto& [name, value] : conditions.items()) add(values, {"", printable(name)}, value);
+    const auto add_text = [&](const Fact& fact, const std::string& text) {
+      if (!text.empty()) add(values, fact, text);
     };
-    add_text("ontime", asked.ontime);
-    add_text("link_unproved", outcome.link_unproved.value_or(""));
+    add_text({"", "ontime"}, asked.ontime);
+    add_text({"", "link_unproved"}, outcome.link_unproved.value_or(""));
     for (const auto& [way, rates] : outcome.traffic)
-      if (rates.is_short) add(values, "traffic " + way + " short", *rates.is_short);
-    for (const auto* name : record::both_hosts) {
-      const auto& host = record::find(outcome.hosts, name);
-      const std::string of = name;
+      if (rates.is_short) add(values, {"", "traffic " + way + " short"}, *rates.is_short);
+    for (const auto* of : record::both_hosts) {
+      const auto& host = record::find(outcome.hosts, of);
       if (host.machine.document.is_object())
         for (const auto& [key, value] : host.machine.document.items())
-          if (!of_the_moment.contains(key)) add(values, of + " " + printable(key), value);
+          if (!of_the_moment.contains(key)) add(values, {of, printable(key)}, value);
       for (const auto& [name, value] : host.settings)
-        add_text(fmt::format("{}{}{}", of, present_setting, name), value);
-      add_text(of + " transport name", host.transport.name);
-      add_text(of + " transport version", host.transport.version);
+        add_text({of, fmt::format("{}{}", present_setting, printable(name))}, value);
+      add_text({of, "transport name"}, host.transport.name);
+      add_text({of, "transport version"}, host.transport.version);
       if (const auto found = host.transport.facts.find("configuration"); found != host.transport.facts.end())
-        add_text(of + " configuration", found->second);
+        add_text({of, "configuration"}, found->second);
       if (host.load_running == false)
-        add(values, of + " load_running", false);  // else it follows from the load
+        add(values, {of, "load_running"}, false);  // else it follows from the load
       for (const auto& refusal : host.refusals)
-        add_text(of + " refused " + word(refusal.asked), refusal.found);
+        add_text({of, "refused " + word(refusal.asked)}, refusal.found);
     }
   }
   return values;
 }
 
 // In the words of a key, where one is given.
-std::string one_of(const Values& values, const std::string& name, const conditions::Key* key = nullptr) {
-  const auto found = values.find(name);
-  if (found == values.end() || found->second.empty()) return nothing;
+std::string one_of(const std::set<std::string>& values, const conditions::Key* key = nullptr) {
+  if (values.empty()) return nothing;
   const auto words = [&](const auto& value) {
     return key == nullptr ? value : words_of_value(key->path, value);
   };
-  return join(texts_of(found->second, words), " or ");
+  return join(texts_of(values, words), " or ");
 }
 
 // The record's words for background topics.
@@ -117,14 +121,17 @@ std::string in_words(const std::string& name) {
 }
 
 // "period: 10 ms → 20 ms", by the key that a record stores there.
-std::string text_of(const std::string& name, const Values& before, const Values& after) {
+std::string text_of(const Fact& fact, const std::set<std::string>& before,
+                    const std::set<std::string>& after) {
   const auto& keys = conditions::keys();
-  const auto found = std::ranges::find(keys, replace_all(name, " ", "."), &conditions::Key::json);
+  const auto found = fact.host.empty()
+                         ? std::ranges::find(keys, replace_all(fact.name, " ", "."), &conditions::Key::json)
+                         : keys.end();
   const auto* const key = found == keys.end() ? nullptr : &*found;
-  const auto from = one_of(before, name, key), to = one_of(after, name, key);
+  const auto from = one_of(before, key), to = one_of(after, key);
   // Rounded to the digits of a key they may read the same.
   if (key == nullptr || from == to)
-    return fmt::format("{}: {} → {}", in_words(name), one_of(before, name), one_of(after, name));
+    return fmt::format("{}: {} → {}", in_words(fact.name), one_of(before), one_of(after));
   return fmt::format("{}: {} → {}", key->path, from, to);
 }
 
@@ -136,21 +143,21 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
   auto before = values_of(from), after = values_of(to);
   auto own = own_settings_of(from);
   own.merge(own_settings_of(to));
-  std::set<std::string> names;
+  std::set<Fact> facts;
   for (const auto* values : {&before, &after})
-    for (const auto& [name, all] : *values)
-      if (!name.starts_with(realtime_settings) || own.contains(name)) names.insert(name);
+    for (const auto& [fact, all] : *values)
+      if (!fact.name.starts_with(realtime_settings) || own.contains(fact)) facts.insert(fact);
   std::vector<Difference> found;
-  for (const auto& name : names) {
-    auto &one = before[name], &other = after[name];
+  for (const auto& fact : facts) {
+    auto &one = before[fact], &other = after[fact];
     if (one == other) continue;
-    if (const auto found = name.find(present_setting); found != name.npos) {
+    if (!fact.host.empty() && fact.name.starts_with(present_setting)) {
       if (one.empty() || other.empty()) continue;  // an older record, or an interface without it
-      const auto asked = "kernel " + name.substr(found + present_setting.size());
+      const Fact asked{"", "kernel " + fact.name.substr(present_setting.size())};
       if (before[asked] != after[asked]) continue;  // told as requested
     }
     shorten(one, other);
-    found.push_back({name, one_of(before, name), one_of(after, name), text_of(name, before, after)});
+    found.push_back({fact.host, fact.name, one_of(one), one_of(other), text_of(fact, one, other)});
   }
   return found;
 }
@@ -175,16 +182,15 @@ std::vector<std::string> mixed(const Comparison::Runs& runs) {
                                   all.size() > most_named ? " …" : ""));
   };
   for (const auto& [fact, what] : of_a_host) {
-    const auto &controller = values[fmt::format("controller {}", fact)],
-               &component = values[fmt::format("component {}", fact)];
+    const auto &controller = values[{"controller", fact}], &component = values[{"component", fact}];
     const bool is_of_both = controller == component;
     add(controller, fmt::format("{}{}", what, is_of_both ? "" : " of the controller"));
     if (!is_of_both) add(component, fmt::format("{} of the component", what));
   }
-  for (const auto& [name, all] : values)
-    if (const auto found = name.find(present_setting); found != name.npos && !name.ends_with(of_balancing))
-      add(all, fmt::format("values of {} of the {}", name.substr(found + 1), name.substr(0, found)));
-  add(values["ontime"], "versions of ontime");
+  for (const auto& [fact, all] : values)
+    if (!fact.host.empty() && fact.name.starts_with(present_setting) && !fact.name.ends_with(of_balancing))
+      add(all, fmt::format("values of {} of the {}", fact.name, fact.host));
+  add(values[{"", "ontime"}], "versions of ontime");
   return several;
 }
 

@@ -201,8 +201,8 @@ std::vector<Difference> other_differences(const Comparison& comparison, const Pa
   // All else that was requested is the same, or follows from the key.
   std::erase_if(all, [&](const Difference& difference) {
     const auto path = split(difference.what, ' ');
-    return is_requested(from, path) || is_requested(to, path) ||
-           (path.size() > 1 && path[1] == "transport" && comparison.key == path[1]);
+    return difference.host.empty() ? is_requested(from, path) || is_requested(to, path)
+                                   : path[0] == "transport" && comparison.key == path[0];
   });
   return all;
 }
