@@ -29,19 +29,21 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
 
 namespace {
 
-// Called before measuring. Protects other files, such as the scenario or a robot's description.
-void check_junit(const std::string& path) {
+// Called before measuring: a killed process must not leave the verdict of an earlier one. Protects other
+// files, such as the scenario or a robot's description.
+void begin_junit(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code none;
   const auto status = fs::status(path, none);
   if (fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status)) return;
-  const Output can_be_written(path, Kind::junit);
+  const Judgement unknown{Judgement::Result::cannot_judge, "ontime", "ontime ends",
+                          "it was killed, failed, or is still running"};
+  write_whole(path, report::junit({unknown}), Kind::junit);
 }
 
 }  // namespace
 
 std::vector<gate::Gate> GateFlags::gates() const {
-  if (!junit_.empty()) check_junit(junit_);
   std::vector<gate::Gate> gates;
   for (const auto& text : fail_if_) {
     try {
@@ -50,6 +52,7 @@ std::vector<gate::Gate> GateFlags::gates() const {
       throw wrong("--fail-if: '{}', {}", text, error.what());
     }
   }
+  if (!junit_.empty()) begin_junit(junit_);
   return gates;
 }
 

@@ -315,6 +315,7 @@ class Endings(Program):
         junit = os.path.join(self.folder, "junit.xml")
         process = self.start_ontime("run", str(path), "--results", self.results, "--junit", junit)
         self.started(process, lambda: self.samples_recorded() > 150)
+        self.assertEqual(xml.etree.ElementTree.parse(junit).getroot().get("errors"), "1", "if it is killed, no earlier verdict stays")
         pathlib.Path(f"{way}.gone").touch()
         kill_at_once(*self.keepers())
         out, error = process.communicate(timeout=180)
