@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The client and the server, each against a peer of the test's own.
 #include <array>
+#include <deque>
 #include <functional>
+#include <mutex>
 #include <set>
+#include <stop_token>
 #include <thread>
 
 #include <gmock/gmock.h>
@@ -103,6 +106,61 @@ TEST(Client, AnswersOfAnotherSizeEndNoWarmUp) {
   EXPECT_EQ(counters.wrong_size, 2U);
   EXPECT_EQ(counters.on_time + counters.late, counters.sent);
   EXPECT_EQ(answers, 2 + warm_up_of_peer + counters.sent);
+}
+
+// A link that carries one message after another, each in 30 ms, and loses every third.
+TEST(Client, IsReadyOnceNoMessageOfTheWarmUpIsUnderWay) {
+  struct Slow final : transport::Endpoint {
+    explicit Slow(transport::Sink& sink) : sink_(sink) {}
+    transport::Matched matched() override { return {1, 1}; }
+    bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
+      if (sent_++ % 3 != 1) {
+        const std::lock_guard lock(mutex_);
+        under_way.emplace_back(sequence, std::vector(payload.begin(), payload.end()));
+      }
+      return true;
+    }
+    std::vector<transport::Thread> threads() override { return {}; }
+    std::map<std::string, std::string> facts() override { return {}; }
+    void carry(const std::stop_token& stop) {
+      while (!stop.stop_requested()) {
+        std::this_thread::sleep_for(30ms);
+        const std::lock_guard lock(mutex_);
+        if (under_way.empty()) continue;
+        auto [sequence, payload] = std::move(under_way.front());
+        under_way.pop_front();
+        sink_.arrived(sequence, payload, now_ns());
+      }
+    }
+    std::size_t length() {
+      const std::lock_guard lock(mutex_);
+      return under_way.size();
+    }
+
+    transport::Sink& sink_;
+    std::mutex mutex_;
+    std::size_t sent_ = 0;
+    std::deque<std::pair<std::uint64_t, std::vector<std::byte>>> under_way;
+    std::jthread link{[this](const std::stop_token& stop) { carry(stop); }};
+  };
+  static Slow* slow = nullptr;
+  const transport::Plugin plugin{transport::abi,
+                                 "slow",
+                                 [] { return std::string(); },
+                                 {},
+                                 {},
+                                 [](const transport::Config&, transport::Sink& sink) {
+                                   slow = new Slow(sink);
+                                   return std::unique_ptr<transport::Endpoint>(slow);
+                                 }};
+  ClientOptions options;
+  options.timeout = 10s;
+  options.warm_up = 5;
+  Client client(plugin, {}, options);
+  client.start();
+  while (client.state() < Client::State::ready) std::this_thread::sleep_for(1ms);
+  EXPECT_EQ(slow->length(), 0U);
+  EXPECT_GE(client.warm_up_answers(), 5U);
 }
 
 TEST(CounterNames, AreAllOfThem) {

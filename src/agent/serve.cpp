@@ -137,7 +137,8 @@ class Agent final : public orders::Worker {
     end_->client()->start();
     // Time limit of the warm-up: the time of its messages, and the wait.
     const auto& options = end_->task().client;
-    until_ = Clock::now() + wait_ + options.period * static_cast<std::int64_t>(options.warm_up);
+    until_ =
+        Clock::now() + wait_ + roundtrip::warm_up_pause(options) * static_cast<std::int64_t>(options.warm_up);
     stage_ = Stage::warming_up;
     return 5ms;
   }

@@ -74,7 +74,9 @@ class Client::Measurement final : public transport::Sink {
       const bool first = ledger_.arrived(message::index_of(sequence), at_ns, message::server_times(payload));
       if (first && options_.schedule == Schedule::back_to_back) follow(at_ns);
     } else if (ours) {
-      warm_up_answers_.fetch_add(1, std::memory_order_relaxed);
+      const auto index = message::index_of(sequence);
+      if (index + 1 > warm_up_answered_) warm_up_answered_ = index + 1;
+      ++warm_up_answers_;
     } else if (state_.load(std::memory_order_relaxed) == State::measuring) {
       ledger_.stray();
     }
@@ -113,12 +115,28 @@ class Client::Measurement final : public transport::Sink {
     leave_.wait();  // until then it is still there to be read: its policy, its faults
   }
 
+  // One message at a time: where the link carries them more slowly than they come, they would be a queue that
+  // delays the messages that count. The server may not be there yet, so until the first answer it does not
+  // wait long for one.
   void warm_up() noexcept {
-    const auto pause_ns = std::min(options_.period.count(), 10 * ms);
-    for (std::uint64_t index = 0; warm_up_answers_ < options_.warm_up && !stop_.rung(); ++index) {
-      endpoint_->send(message::sequence_of(warm_up_session_, index), payload_);
-      stop_.sleep_until(now_ns() + pause_ns);
+    const auto before_first_ns = std::min(options_.timeout.count(), 50 * ms);
+    std::uint64_t sent = 0;
+    for (auto patience_ns = warm_up_pause_ns_; warm_up_answers_ < options_.warm_up && !stop_.rung();) {
+      const auto sent_ns = now_ns();
+      endpoint_->send(message::sequence_of(warm_up_session_, sent++), payload_);
+      patience_ns =
+          await(sent, sent_ns + patience_ns)
+              ? std::max(4 * (now_ns() - sent_ns), warm_up_pause_ns_)
+              : std::min(2 * patience_ns, warm_up_answers_ == 0 ? before_first_ns : options_.timeout.count());
     }
+    if (warm_up_answered_ < sent) await(sent, now_ns() + options_.timeout.count());
+  }
+
+  // For a pause at least. Returns whether the last of so many messages was answered by then.
+  bool await(std::uint64_t sent, std::int64_t until_ns) noexcept {
+    do stop_.sleep_until(now_ns() + warm_up_pause_ns_);
+    while (warm_up_answered_ < sent && now_ns() < until_ns && !stop_.rung());
+    return warm_up_answered_ >= sent;
   }
 
   void measure() noexcept {
@@ -223,7 +241,9 @@ class Client::Measurement final : public transport::Sink {
   std::vector<std::byte> payload_;
   const std::uint32_t session_, warm_up_session_;
   std::atomic<State> state_{State::waiting};
+  const std::int64_t warm_up_pause_ns_ = warm_up_pause(options_).count();
   std::atomic<std::uint64_t> warm_up_answers_{0};
+  std::atomic<std::uint64_t> warm_up_answered_{0};  // so many messages, with those before the latest answered
   std::atomic<std::uint64_t> last_posted_{0};
   std::atomic<std::int64_t> stopped_ns_{never_ns};
   Alarm start_, go_, stop_, leave_, look_;

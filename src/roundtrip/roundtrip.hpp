@@ -6,6 +6,7 @@
 // delivers arrivals) allocates nothing, locks nothing, prints nothing and throws nothing.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <chrono>
 #include <cstdint>
@@ -39,6 +40,10 @@ struct ClientOptions {
   std::size_t payload_bytes = 500;
   std::uint64_t warm_up = 10;  // answers to wait for before the first counted message
 };
+// The least time from one message of the warm-up to the next.
+inline std::chrono::nanoseconds warm_up_pause(const ClientOptions& options) {
+  return std::min<std::chrono::nanoseconds>(options.period, std::chrono::milliseconds(10));
+}
 
 // At all times sent = on_time + late + lost + in flight; in flight is 0 when the client has finished.
 struct Counters {

@@ -290,7 +290,7 @@ std::chrono::duration<double> time_of(const Run& run) {
     return one.controller_load.any() || one.component_load.any() || one.traffic.any();
   };
   const auto warm_up = [](const Run& one) {
-    return static_cast<double>(one.task.client.warm_up) * one.task.client.period;
+    return static_cast<double>(one.task.client.warm_up) * roundtrip::warm_up_pause(one.task.client);
   };
   std::chrono::duration<double> longest = warm_up(run);  // all warm up before any begins
   for (const auto& own : run.own) longest = std::max<std::chrono::duration<double>>(longest, warm_up(own));
