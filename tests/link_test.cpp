@@ -32,6 +32,22 @@ json outcome(json controller, json component = nullptr) {
 
 std::string found(const json& outcome) { return went_elsewhere(outcome, 500).value_or("nothing"); }
 
+TEST(Link, AddressOfAnotherComponentIsRefusedUnlessItMayLeadToThisOne) {
+  const Claim arm{"arm", "c1", "10.10.0.2", {"127.0.0.1", "10.10.0.2"}},
+      base{"base", "c2", "10.10.0.3", {"127.0.0.1", "10.10.0.3"}};
+  const auto with = [](Claim claim, const std::string& address) {
+    claim.stated = address;
+    return claim;
+  };
+  EXPECT_FALSE(at_another({arm, base}));
+  EXPECT_THAT(at_another({with(arm, "10.10.0.3"), with(base, "10.10.0.2")}).value_or(""),
+              AllOf(HasSubstr("10.10.0.3 is not an address of c1, but of base"), HasSubstr("10.10.0.2"),
+                    testing::Not(HasSubstr("127."))));
+  EXPECT_FALSE(at_another({with(arm, "192.168.1.9"), base})) << "a router's, which leads to it";
+  EXPECT_FALSE(at_another({with(arm, "10.10.0.3:7950"), base})) << "a port that base leads to it";
+  EXPECT_FALSE(at_another({with(arm, "127.0.0.1"), base})) << "each has one";
+}
+
 TEST(Link, LinkThatCarriedAllMessagesPasses) {
   EXPECT_EQ(found(outcome(host(60'000, 60'000), host(60'000, 60'000))), "nothing");
   EXPECT_EQ(found(outcome(host(60'000, 60'000))), "nothing");

@@ -40,6 +40,14 @@ record::SshLink ssh_link(const std::string& under_test) {
   return {interface, !apart};
 }
 
+// All of this place: a container or network namespace has its own.
+std::vector<std::string> addresses() {
+  std::vector<std::string> all;
+  for (const auto& interface : machine::interfaces())
+    all.insert(all.end(), interface.addresses.begin(), interface.addresses.end());
+  return all;
+}
+
 class Agent final : public orders::Worker {
  public:
   explicit Agent(orders::Events& events) : events_(events) {}
@@ -52,7 +60,9 @@ class Agent final : public orders::Worker {
       auto opened = end_->opened();
       if (body.value("ssh", false)) opened.ssh_link = ssh_link(end_->task().config.interface);
       shares_link_ = opened.ssh_link && opened.ssh_link->shared;
-      return events_.tell("opened", record::to_json(opened));
+      auto answer = record::to_json(opened);
+      answer["addresses"] = addresses();
+      return events_.tell("opened", std::move(answer));
     }
     if (!end_) throw Error(3, "order '" + order + "' came before 'open' (a bug: please report)");
     if (order == "start" && body.value("note_answers", false)) {

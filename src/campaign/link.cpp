@@ -37,6 +37,23 @@ bool one_machine_with_shared_memory(const Outcome& outcome) {
 
 }  // namespace
 
+std::optional<std::string> at_another(const std::vector<Claim>& claims) {
+  const auto has = [](const Claim& claim, const std::string& address) {
+    return std::ranges::count(claim.owned, address) > 0;
+  };
+  for (const auto& claim : claims) {
+    if (has(claim, claim.stated)) continue;
+    const auto other = std::ranges::find_if(claims, [&](const auto& one) { return has(one, claim.stated); });
+    if (other == claims.end()) continue;
+    const auto of = claim.ssh.empty() ? claim.component : claim.ssh;
+    auto owned = claim.owned;
+    std::erase_if(owned, [](const auto& address) { return address.starts_with("127."); });
+    return fmt::format("{}: {} is not an address of {}, but of {}. Fix: address of {}: {}", claim.component,
+                       claim.stated, of, other->component, claim.component, fmt::join(owned, " or "));
+  }
+  return {};
+}
+
 std::optional<std::string> went_elsewhere(const Outcome& outcome, std::uint64_t payload_bytes) {
   // Answered messages certainly passed each end in both directions. A lost message may have been dropped
   // before the kernel counts it: by a queue, or because the link was down.

@@ -7,10 +7,20 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "record/outcome.hpp"
 
 namespace ontime::campaign {
+
+// A component before the run: the address that the scenario states, and all that its host has.
+struct Claim {
+  std::string component, ssh, stated;
+  std::vector<std::string> owned;
+};
+// The error, for people, if a stated address is not of that component's host but of another one's: that one
+// would answer. An address with a port may lead there by a router's rule, and no known host may have one.
+std::optional<std::string> at_another(const std::vector<Claim>&);
 
 // From a run's outcome (its counters, and `answered`, `link` and `shared_memory` of its hosts): the error,
 // for people; nothing if the component answered all answered messages and every end's interface carried at

@@ -157,8 +157,9 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
       !beside) {  // before the agent has threads, which it may tie to these CPUs
     machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
-  end.opened = record::read<record::Host>(
-      ask_host(end, {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}}));
+  const auto opened = ask_host(end, {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
+  end.opened = record::read<record::Host>(opened);
+  end.addresses = opened.at("addresses");
   const auto& declared = end.opened.transport;
   if (const auto why = scenario::why_not_by(task.transport,
                                             {.below_ip = declared.below_ip.value_or(false),
@@ -212,6 +213,12 @@ void Pair::open() {
   if (!in_another_process(run_.task.background)) return;
   background_.push_back(open(run_.component, of_their_own(of_component)));
   background_.push_back(open("controller", of_their_own(of_controller)));
+}
+
+std::optional<Claim> Pair::claim() const {
+  if (!component_) return {};
+  const auto& host = machines_.hosts().at(run_.component);
+  return Claim{run_.component, host.ssh, host.address, component_->addresses};
 }
 
 void Pair::make_ready(std::chrono::nanoseconds wait) {

@@ -5,6 +5,7 @@
 
 #include "agent/agent.hpp"
 #include "campaign/campaign.hpp"
+#include "campaign/link.hpp"
 #include "campaign/machines.hpp"
 #include "record/record.hpp"
 
@@ -40,6 +41,7 @@ class Pair {
   record::Outcome outcome(const Machines::Account&) const;
 
   const Run& run() const { return run_; }
+  std::optional<Claim> claim() const;  // once it is open
   std::int64_t number() const { return number_; }
   const roundtrip::Counters& counters() const { return counters_; }
   // While it measures: whether the server was lost and must be restarted; adds a note then.
@@ -58,6 +60,7 @@ class Pair {
     std::unique_ptr<Hand> agent;
     record::Host opened, ended;
     bool again = false;  // restarted while the client measured
+    std::vector<std::string> addresses{};
   };
   End open(const std::string& host, agent::Task);
   nlohmann::json ask_host(const End&, nlohmann::json task) const;

@@ -93,7 +93,12 @@ std::vector<Outcome> Session::measure(std::chrono::nanoseconds wait) {
   if (!run_.kernel.empty() || run_.isolation.any()) next("applying settings");
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
-  for (auto& pair : pairs_) pair->open();
+  std::vector<Claim> claims;
+  for (auto& pair : pairs_) {
+    pair->open();
+    if (auto claim = pair->claim()) claims.push_back(std::move(*claim));
+  }
+  if (const auto why = at_another(claims)) throw Error(2, *why);
   if (run_.controller_load.any() || run_.component_load.any() || run_.traffic.any())
     next("starting load and traffic");
   for (const auto& text : machines_.load(runs_))

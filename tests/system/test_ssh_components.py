@@ -121,6 +121,17 @@ class SshComponents(unittest.TestCase):
                 for run, number in zip(self.measured(), FAR.values()):
                     self.assertIn(f"198.18.1.{number}", run["hosts"]["component"]["transport"]["facts"]["address"])
 
+    def test_exchanged_addresses_are_refused_before_a_message_is_sent(self):
+        command = self.command("1 s")
+        path = self.own / "scenario.yaml"
+        text = path.read_text()
+        path.write_text(text.replace("198.18.1.2", "198.18.1.9").replace("198.18.1.3", "198.18.1.2").replace("198.18.1.9", "198.18.1.3"))
+        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=180)
+        self.assertEqual(answer.returncode, 2, answer.stderr)
+        self.assertIn("198.18.1.3 is not an address of 198.18.2.2", answer.stderr)
+        for run in self.report():
+            self.assertEqual(run["sent"], 0)
+
     def test_each_has_a_keeper_and_an_agent_of_its_own(self):
         process = subprocess.Popen(self.command("10 s"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
