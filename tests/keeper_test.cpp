@@ -96,6 +96,26 @@ TEST_F(Keeper, NamesTheCommandThatItHoldsTheMachineFor) {
   }
 }
 
+TEST_F(Keeper, NamesAnOtherOntimeThatChangedTheMachineDuringTheRun) {
+  const auto others = [this](const std::function<void()>& meanwhile) {
+    ask("begin", "begun");
+    meanwhile();
+    return ask("end", "ended").at("others");
+  };
+  ask("open", "opened", {{"holder", {{"pid", getpid()}, {"command", "ontime run one.yaml"}}}});
+  ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
+  EXPECT_TRUE(others([] {}).empty()) << "its own journal is no other's";
+  ask("unload", "unloaded");
+  ask("close", "closed");
+  journal::Journal other;
+  other.held_for({getpid() + 1, "ontime run two.yaml"});
+  EXPECT_EQ(others([&] { other.hold(); }), json({"\"ontime run two.yaml\""}));
+  EXPECT_EQ(others([&] { other.revert(); }), json({"\"ontime run two.yaml\""}));
+  EXPECT_TRUE(others([] {}).empty());
+  other.held_for({getpid(), "ontime run one.yaml"});
+  EXPECT_TRUE(others([&] { other.hold(); }).empty()) << "a keeper of the same run";
+}
+
 // The connection breaks while all is given back.
 TEST(KeeperAtItsEnd, LineThatNothingReadIsToldAtTheNextStart) {
   std::array<int, 2> there{}, back{};

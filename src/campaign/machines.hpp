@@ -88,6 +88,8 @@ class Machines {
     std::map<std::string, record::ByName<record::Link>> links;  // faults and counts of prepared links
     // By component: which of its two ends had traffic on the interface, also another component's.
     std::map<std::string, std::set<std::string>> with_traffic;
+    // By the first host of each machine: other ontimes that changed it meanwhile, for people.
+    std::map<std::string, std::set<std::string>> others;
   };
   Account end();
 

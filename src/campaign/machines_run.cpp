@@ -302,6 +302,7 @@ Machines::Account Machines::end() {
     }
     for (const auto& [name, link] : ended.at("links").items()) links[name] = record::read<record::Link>(link);
     traffic.update(ended.at("traffic"));
+    account.others[machine.hosts.front()] = ended.at("others");
   }
   account_of(links, traffic, account);
   return account;

@@ -198,6 +198,16 @@ void Session::await_background() {
   coordinator_.until([&] { return Clock::now() > until; }, 1);
 }
 
+// Of each run: ontimes do not keep apart what they do to a machine.
+void Session::note_other(const std::string& host, const std::string& command) {
+  const auto text = fmt::format(
+      "another ontime ({}) changed the {}'s machine during the run: by load, link faults, settings "
+      "or traces. Fix: measure again without it",
+      command, host);
+  observer_.note(text);
+  for (const auto& pair : pairs_) writer_.note(pair->number(), {"another-ontime", text, {}, {}});
+}
+
 std::vector<Outcome> Session::outcomes() {
   observer_.does("ending");
   await_background();
@@ -208,6 +218,8 @@ std::vector<Outcome> Session::outcomes() {
   await_windows();
   machines_.unload();
   machines_.restore();
+  for (const auto& [host, others] : account.others)
+    for (const auto& other : others) note_other(host, other);
   std::vector<Outcome> outcomes;
   for (const auto& pair : pairs_) {
     const auto& run = pair->run();

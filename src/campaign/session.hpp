@@ -34,6 +34,7 @@ class Session {
   void finish(std::chrono::nanoseconds patience);
   bool component_is_gone(const std::string& why);
   void restart_components();
+  void note_other(const std::string& host, const std::string& command);
   std::vector<record::Outcome> outcomes();
   void await_windows();
   void await_background();

@@ -84,6 +84,23 @@ Journal::GivenBack Journal::hold() {
   return std::move(entered->given_back);
 }
 
+std::string Journal::other_holder() const try {
+  const auto folder = Folder::find();
+  if (!folder) return "";
+  for (const auto& name : folder->journals()) {
+    if (file_ && name == file_->name) continue;
+    const auto opened = folder->open(name);
+    if (!opened.alive) continue;
+    const auto owner = parse(text_of(opened.fd.get())).header;
+    // Another process may hold it for the same ontime.
+    if (!holder_ || owner.pid != holder_->pid || owner.command != plain(holder_->command))
+      return in_quotes(owner.command);
+  }
+  return "";
+} catch (const Error&) {
+  return "";
+}
+
 void Journal::change(const Kind& kind, const std::string& what, const Value& wanted) {
   if (find_kind(kind.name, more_) == nullptr)
     throw std::logic_error(fmt::format("{} was not named to the journal as a kind of change", kind.name));

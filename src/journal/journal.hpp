@@ -74,6 +74,9 @@ class Journal {
   };
   void held_for(Holder holder) { holder_ = std::move(holder); }
 
+  // The command of another ontime that holds the machine now, for people; "": none, or not visible here.
+  std::string other_holder() const;
+
   struct GivenBack {
     std::vector<std::string> done, left;  // for people, a line each
     bool finished = true;  // nothing remains to be restored: another program has changed what is left

@@ -39,9 +39,10 @@
 //   unload {}             unloaded {notes}: what of the load could not be removed
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
-//                         machine}: a record::Activity; for each host with them a record::Host's load,
-//                         settings and reserved CPUs at this moment; record::Links; and the machine as it
-//                         was at begin, but its clock as it is now, with moved_ns: how far it was set since
+//                         others, machine}: a record::Activity; for each host with them a record::Host's
+//                         load, settings and reserved CPUs at this moment; record::Links; the commands of
+//                         other ontimes that changed this machine at begin or end; and the machine as it was
+//                         at begin, but its clock as it is now, with moved_ns: how far it was set since
 //   close  {}             closed {notes}: what could not be restored
 #pragma once
 

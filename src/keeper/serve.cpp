@@ -4,6 +4,8 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
+#include <string>
 #include <utility>
 
 #include <fmt/format.h>
@@ -114,12 +116,16 @@ class Keeper final : public orders::Worker {
       activity_ = machine::activity();
       flows_.begin();
       links_.begin();
+      others_.clear();
+      note_other();
       events_.tell("begun");
     } else if (order == "end") {
+      note_other();
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
                              {"hosts", hosts()},
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
+                             {"others", others_},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       auto left = end_all();
@@ -168,6 +174,10 @@ class Keeper final : public orders::Worker {
   static void add_new(std::vector<std::string>& notes, std::vector<std::string> lines) {
     for (auto& line : lines)
       if (std::ranges::find(notes, line) == notes.end()) notes.push_back(std::move(line));
+  }
+
+  void note_other() {
+    if (auto other = journal_.other_holder(); !other.empty()) others_.insert(std::move(other));
   }
 
   static bool writes(const Load& load) { return load.running && load.given.hdd_bytes; }
@@ -310,6 +320,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
+  std::set<std::string> others_;  // that held this machine at the begin or the end of the run
   std::map<std::string, record::ByName<std::string>> settings_;  // by host
   std::optional<std::vector<std::string>> told_;  // once all was given back and told: what was left
 };
