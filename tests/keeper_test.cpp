@@ -103,7 +103,7 @@ TEST_F(Keeper, NamesAnOtherOntimeThatChangedTheMachineDuringTheRun) {
     return ask("end", "ended").at("others");
   };
   ask("open", "opened", {{"holder", {{"pid", getpid()}, {"command", "ontime run one.yaml"}}}});
-  ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
+  ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
   EXPECT_TRUE(others([] {}).empty()) << "its own journal is no other's";
   ask("unload", "unloaded");
   ask("close", "closed");
@@ -253,7 +253,7 @@ TEST_F(Keeper, SaysThatAnotherProgramChangedALink) {
 }
 
 TEST_F(Keeper, FailsWithoutALoadWorker) {
-  keeper_.order("load", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
+  keeper_.order("load", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
   EXPECT_THROW(coordinator_.until([] { return false; }), orders::Error);
 }
 

@@ -6,8 +6,10 @@
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <memory>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -108,6 +110,39 @@ TEST(Ssh, EachFailureNamesHostAndFix) {
             "the connection to me@robot was lost (client_loop: send disconnect: Broken pipe)");
   EXPECT_THAT(reason(-1, "Welcome!\nToday"), AllOf(HasSubstr("\"Welcome!\""), Not(HasSubstr("Today"))));
   EXPECT_EQ(reason(3), "");
+}
+
+TEST(Ssh, SudoThatAsksForAPasswordIsNamedWithAFix) {
+  const auto reason = [](const std::string& destination) {
+    return reason_of_prefix(destination, {"sudo", "-n"}, 1);
+  };
+  EXPECT_THAT(reason("pw@c1"),
+              AllOf(HasSubstr("sudo on pw@c1"), HasSubstr("NOPASSWD"), HasSubstr("ssh: root@c1")));
+  EXPECT_THAT(reason("ssh://pw@c1:22"), Not(HasSubstr("root@")));
+  EXPECT_THAT(reason(""), AllOf(HasSubstr("run ontime as root"), Not(HasSubstr(" on "))));
+  EXPECT_EQ(reason_of_prefix("c1", {"sudo"}, 3), "") << "of ontime";
+  EXPECT_EQ(reason_of_prefix("c1", {"docker", "exec", "x"}, 1), "");
+  EXPECT_EQ(reason_of_prefix("c1", {}, 1), "");
+  const auto between = Ssh("pw@c1").between("ontime", {"sudo"}, "sudo ontime keeper");
+  EXPECT_EQ(between.shown, "sudo ontime keeper on pw@c1");
+  EXPECT_THAT(between.reason(1, "Shared connection closed"), HasSubstr("NOPASSWD"));
+}
+
+// The session that holds the connection was killed, and its folder is gone.
+TEST(Ssh, SessionAfterTheLastOneSaysNothingOfItsFiles) {
+  const Ssh ssh("robot");
+  const auto command = ssh.another({"ontime", "agent"});
+  const auto bin = std::filesystem::path(ssh.folder()) / "bin";
+  std::filesystem::create_directory(bin);
+  std::ofstream(bin / "ssh") << "#!/bin/sh\nrm -r " << ssh.folder() << "\nexit 255\n";
+  std::filesystem::permissions(bin / "ssh", std::filesystem::perms::owner_all);
+  for (const auto* when : {"while it lives", "before it begins"}) {
+    const auto line = fmt::format("PATH={}:$PATH {} 2>&1; echo $?", bin.string(), table::shell_line(command));
+    const std::unique_ptr<FILE, int (*)(FILE*)> shell(popen(line.c_str(), "r"), pclose);
+    std::array<char, 512> text{};
+    const auto count = std::fread(text.data(), 1, text.size(), shell.get());
+    EXPECT_EQ(std::string(text.data(), count), "255\n") << when;
+  }
 }
 
 TEST(Ssh, LinkOfSshIsNotedOnlyIfItMayBeTheOneUnderTest) {

@@ -17,6 +17,7 @@
 #include <sys/utsname.h>
 
 #include "machine/machine.hpp"
+#include "table/table.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -193,7 +194,9 @@ std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
   auto words = reach;
   const auto from = installation_for(ssh, reach);
   words.insert(words.end(), {"sh", "-c", script, "ontime", from.machine});
-  auto between = ssh.between("the deployed ontime");
+  auto shown = reach;
+  shown.insert(shown.end(), {"ontime", "keeper"});
+  auto between = ssh.between("the deployed ontime", reach, table::shell_line(shown));
   for (const auto& file : files(from, transports, ssh.folder())) {
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
     between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());

@@ -44,12 +44,23 @@ std::string program_of(const Host& host) {
   return host.ssh.empty() ? orders::this_program() : "ontime";
 }
 
-std::vector<std::string> command_of(const Host& host, const std::vector<std::string>& place,
-                                    const char* worker) {
+std::vector<std::string> prefix_of(const Host& host, const std::vector<std::string>& place) {
   auto words = host.host_prefix;
   words.insert(words.end(), place.begin(), place.end());
+  return words;
+}
+
+std::vector<std::string> command_of(const Host& host, const std::vector<std::string>& place,
+                                    const char* worker) {
+  auto words = prefix_of(host, place);
   words.insert(words.end(), {program_of(host), worker});
   return words;
+}
+
+orders::Between between_of(const Host& host, const Ssh* ssh, const std::vector<std::string>& prefix,
+                           const std::vector<std::string>& command) {
+  if (ssh != nullptr) return ssh->between(program_of(host), prefix, table::shell_line(command));
+  return {{}, [prefix](int code, const auto&) { return reason_of_prefix("", prefix, code); }};
 }
 
 // Whom the keeper names to another ontime that wants the machine: here this process, there its command line.
@@ -193,11 +204,10 @@ void Machines::start_keeper(Machine& machine) {
   const auto& where = machine.where;
   const auto name = fmt::format("ontime on the {}'s machine", machine.hosts.front());
   auto command = command_of(where, {}, "keeper");
-  orders::Between between;
-  if (!where.ssh.empty()) {
-    machine.ssh = std::make_unique<Ssh>(where.ssh);
+  if (!where.ssh.empty()) machine.ssh = std::make_unique<Ssh>(where.ssh);
+  auto between = between_of(where, machine.ssh.get(), where.host_prefix, command);
+  if (machine.ssh) {
     command = machine.ssh->first(command);
-    between = machine.ssh->between(program_of(where));
     if (hosts_.deploy)
       std::tie(command, between) = deployment(*machine.ssh, where.host_prefix, *hosts_.deploy,
                                               [this] { return coordinator_.interrupted(0); });
@@ -242,11 +252,9 @@ std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,
   const auto& where = hosts_.at(host);
   const auto name = fmt::format("the agent of the {}{}", host, whom);
   auto command = command_of(where, where.command_prefix, "agent");
-  orders::Between between;
-  if (const auto& ssh = machine_of(host).ssh) {
-    command = ssh->another(command);
-    between = ssh->between(program_of(where));
-  }
+  const auto& ssh = machine_of(host).ssh;
+  auto between = between_of(where, ssh.get(), prefix_of(where, where.command_prefix), command);
+  if (ssh) command = ssh->another(command);
   return std::make_unique<Hand>(coordinator_, name, command, agent::sample_layout(), std::move(between));
 }
 

@@ -24,8 +24,10 @@ constexpr int cannot_run = 126, not_found = 127, ssh_failed = 255;
 constexpr const char* first_script =
     "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
     "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
+// The first session may be over, and the folder with it.
 constexpr const char* another_script =
-    "trap '' HUP INT TERM; env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
+    "trap '' HUP INT TERM; [ -d \"$0\" ] || exit 255; env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; "
+    "cat \"$0/said\" 2>/dev/null; exit $code";
 
 constexpr std::size_t longest_socket =
     90;  // of 108 bytes that its address has; ssh adds 17 while it makes it
@@ -83,7 +85,30 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
   return fmt::format("the connection to {} was lost{}", destination, line.empty() ? "" : " (" + line + ")");
 }
 
+// "pw@c1" → "root@c1"; "": of an URI, which may hold a port.
+std::string as_root_there(const std::string& destination) {
+  if (destination.find("://") != destination.npos) return "";
+  const auto at = destination.rfind('@');
+  return "root@" + (at == destination.npos ? destination : destination.substr(at + 1));
+}
+
 }  // namespace
+
+std::string reason_of_prefix(const std::string& destination, const std::vector<std::string>& prefix,
+                             int code) {
+  constexpr int sudo_failed = 1;
+  if (code != sudo_failed || prefix.empty() || std::filesystem::path(prefix.front()).filename() != "sudo")
+    return "";
+  const bool here = destination.empty();
+  const auto root = as_root_there(destination);
+  return fmt::format(
+      "sudo{} did not start ontime; its own message is above. If it asks for a password: permit ontime with "
+      "NOPASSWD in sudoers{}, or {}. If it does not find ontime: set program: PATH",
+      here ? "" : " on " + destination, here ? "" : " there",
+      here           ? "run ontime as root, without host-prefix"
+      : root.empty() ? "use ssh as root, without host-prefix"
+                     : "use ssh: " + root + " without host-prefix");
+}
 
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said) {
@@ -141,10 +166,13 @@ std::vector<std::string> Ssh::command(const char* local_script, const char* shar
   return words;
 }
 
-orders::Between Ssh::between(const std::string& program) const {
-  return {{}, [destination = destination_, program](int code, const auto& said) {
-            return reason_of(destination, program, code, said);
-          }};
+orders::Between Ssh::between(const std::string& program, const std::vector<std::string>& prefix,
+                             const std::string& shown) const {
+  const auto reason = [destination = destination_, program, prefix](int code, const auto& said) {
+    if (auto why = reason_of_prefix(destination, prefix, code); !why.empty()) return why;
+    return reason_of(destination, program, code, said);
+  };
+  return {{}, reason, fmt::format("{} on {}", shown, destination_)};
 }
 
 }  // namespace ontime::campaign

@@ -30,8 +30,10 @@ class Ssh {
   // Only this user can access it; it is removed with the connection.
   const std::string& folder() const { return folder_; }
 
-  // Why that command failed, and what to do; `program` is ontime as called there.
-  orders::Between between(const std::string& program) const;
+  // Why that command failed, and what to do. `program`: ontime as called there; `prefix`: the words before
+  // it; `shown`: the whole command as the user knows it.
+  orders::Between between(const std::string& program, const std::vector<std::string>& prefix,
+                          const std::string& shown) const;
 
  private:
   std::vector<std::string> command(const char* local_script, const char* sharing,
@@ -46,6 +48,10 @@ inline constexpr const char* ssh_invalid = "contains invalid characters";
 // As Between::reason: from the exit code and from output that is not an event. "" if unknown.
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said);
+
+// Why the words before the command (`sudo`) did not start it; "" if unknown. `destination`: "": this machine.
+std::string reason_of_prefix(const std::string& destination, const std::vector<std::string>& prefix,
+                             int code);
 
 // A note for the record if ssh uses, or may use, the link under test; else "".
 std::string note_of_ssh_link(const std::string& host, const std::optional<record::SshLink>&);

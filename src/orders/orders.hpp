@@ -97,6 +97,7 @@ struct Between {
   // Why the worker did not start, for people, from the exit code (-1: it was killed, or still runs) and from
   // output that is not an event ("": none). Returns "" if unknown.
   std::function<std::string(int code, const std::string& said)> reason;
+  std::string shown{};  // the command as the user knows it; "": as it is
 };
 
 class Process;

@@ -56,7 +56,7 @@ std::string this_program() {
 
 Process::Process(std::string name, const std::vector<std::string>& command, Between between)
     : name_(std::move(name)),
-      command_(fmt::format("{}", fmt::join(command, " "))),
+      command_(between.shown.empty() ? fmt::format("{}", fmt::join(command, " ")) : between.shown),
       between_(std::move(between)),
       spawned_(spawn(name_, command)),
       frames_(spawned_.out.get(), spawned_.in.get()) {
