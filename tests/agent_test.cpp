@@ -67,6 +67,16 @@ TEST(Task, IsUnchangedAfterJson) {
   EXPECT_EQ(to_json(task).at("end").dump().find("null"), std::string::npos) << "nothing of it was left out";
 }
 
+TEST(Interface, PortOfABridgeGetsNoAddressOfItsOwn) {
+  const std::vector<machine::Interface> all{{"eth1", {}, true, false}, {"br0", {"10.10.0.2"}, true, false}};
+  const auto of_port = lacks_address("eth1", "br0", all);
+  EXPECT_THAT(of_port,
+              testing::AllOf(HasSubstr("br0, which has the address 10.10.0.2"), HasSubstr("interface: br0"),
+                             testing::Not(HasSubstr("ip address add"))));
+  EXPECT_THAT(lacks_address("eth1", "br1", all), HasSubstr("dev br1"));
+  EXPECT_THAT(lacks_address("eth1", "", all), HasSubstr("dev eth1"));
+}
+
 using orders::Coordinator;
 using orders::Error;
 

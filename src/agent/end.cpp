@@ -36,16 +36,14 @@ void resolve(transport::Config& config) {
   const auto stated = std::exchange(config.address, "");
   if (config.interface.empty()) return;
   std::vector<std::string> others;
-  for (const auto& interface : machine::interfaces()) {
+  const auto all = machine::interfaces();
+  for (const auto& interface : all) {
     others.push_back(interface.name);
     if (interface.name != config.interface) continue;
     if (!interface.up)
       throw Error(3, fmt::format("interface '{0}' is down. Fix: sudo ip link set {0} up", interface.name));
     const auto& own = interface.addresses;
-    if (own.empty())
-      throw Error(
-          3, fmt::format("interface '{0}' has no IPv4 address. Fix: sudo ip address add A.B.C.D/N dev {0}",
-                         interface.name));
+    if (own.empty()) throw Error(3, lacks_address(interface.name, machine::master_of(interface.name), all));
     const auto same = std::ranges::find(own, stated.substr(0, stated.find(':')));
     config.address = same == own.end() ? own.front() : *same;
     return;
@@ -280,6 +278,21 @@ record::Link End::link() const {
   for (const auto& [from_ns, to_ns, taken] : link_watch_->downs())
     link.down.push_back({from_ns, to_ns != 0 ? std::optional(to_ns) : std::nullopt, taken});
   return link;
+}
+
+std::string lacks_address(const std::string& name, const std::string& master,
+                          const std::vector<machine::Interface>& all) {
+  if (master.empty())
+    return fmt::format("interface '{0}' has no IPv4 address. Fix: sudo ip address add A.B.C.D/N dev {0}",
+                       name);
+  const auto found = std::ranges::find(all, master, &machine::Interface::name);
+  if (found == all.end() || found->addresses.empty())
+    return fmt::format(
+        "interface '{0}' is a port of {1}, and neither has an IPv4 address. Fix: interface: {1}, and sudo ip "
+        "address add A.B.C.D/N dev {1}",
+        name, master);
+  return fmt::format("interface '{0}' is a port of {1}, which has the address {2}. Fix: interface: {1}", name,
+                     master, fmt::join(found->addresses, ", "));
 }
 
 std::string lacks_memory(std::istream& meminfo, const std::optional<machine::GroupMemory>& group) {

@@ -69,4 +69,9 @@ class End {
 // kills any process.
 std::string lacks_memory(std::istream& meminfo, const std::optional<machine::GroupMemory>&);
 
+// Why an end cannot use an interface without an IPv4 address. `master`: the bridge or bond that it is a port
+// of, whose address is then its own, or "".
+std::string lacks_address(const std::string& interface, const std::string& master,
+                          const std::vector<machine::Interface>& all);
+
 }  // namespace ontime::agent

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <system_error>
@@ -131,6 +132,11 @@ std::optional<std::string> interface_with(const std::string& wanted) {
     if (numeric(*found) == wanted) return name_of(*address);
   }
   return {};
+}
+
+std::string master_of(const std::string& interface) {
+  std::error_code none;
+  return std::filesystem::read_symlink("/sys/class/net/" + interface + "/master", none).filename();
 }
 
 std::vector<Interface> interfaces() {
