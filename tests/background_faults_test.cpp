@@ -361,6 +361,13 @@ TEST_F(LinkFaults, FaultThatTheKernelLacksIsNamed) {
   EXPECT_THAT(said, HasSubstr("sch_netem"));
 }
 
+TEST_F(LinkFaults, CheckWithoutRootSaysThatItNeedsIt) {
+  test::in_child([] {
+    test::become_ordinary_user();
+    EXPECT_THROW(check({.loss = 0.5}), NeedsRoot);
+  });
+}
+
 TEST_F(LinkFaults, InvalidInterfaceIsRefused) {
   EXPECT_THROW(Link(journal_, {"controller", netns, "lo; flush ruleset"}, {.loss = 1}, {}), Error);
   EXPECT_ANY_THROW(Link(journal_, {"controller", netns, "eth9"}, {.loss = 1}, {}));

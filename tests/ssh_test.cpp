@@ -119,7 +119,7 @@ TEST(Ssh, SudoThatAsksForAPasswordIsNamedWithAFix) {
   EXPECT_THAT(reason("pw@c1"),
               AllOf(HasSubstr("sudo on pw@c1"), HasSubstr("NOPASSWD"), HasSubstr("ssh: root@c1")));
   EXPECT_THAT(reason("ssh://pw@c1:22"), Not(HasSubstr("root@")));
-  EXPECT_THAT(reason(""), AllOf(HasSubstr("run ontime as root"), Not(HasSubstr(" on "))));
+  EXPECT_THAT(reason(""), AllOf(HasSubstr("`sudo ontime`"), Not(HasSubstr(" on "))));
   EXPECT_EQ(reason_of_prefix("c1", {"sudo"}, 3), "") << "of ontime";
   EXPECT_EQ(reason_of_prefix("c1", {"docker", "exec", "x"}, 1), "");
   EXPECT_EQ(reason_of_prefix("c1", {}, 1), "");

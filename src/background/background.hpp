@@ -23,6 +23,10 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+struct NeedsRoot : Error {
+  using Error::Error;
+};
+
 // Files of control groups (cgroup.procs) that a process enters before it is anything else.
 using Groups = std::vector<std::string>;
 
@@ -96,7 +100,7 @@ class Traffic {
 // ends at once (with its output).
 std::unique_ptr<Traffic> traffic(const Stream&);
 
-// Throws Error for the first fault that this kernel lacks, with its key. Changes nothing. Needs root.
+// Throws Error for the first fault that this kernel lacks, with its key; NeedsRoot. Changes nothing.
 void check(const Faults&);
 
 // Faults and counters on an end's interface. The destructor removes them.

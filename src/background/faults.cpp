@@ -146,9 +146,11 @@ Link::Counts::Etf count_etf(const std::string& interface) {
 void check(const Faults& faults) {
   if (!faults.any()) return;
   const auto try_all = [&] {
-    if (unshare(CLONE_NEWNET) != 0)
+    if (unshare(CLONE_NEWNET) != 0) {
+      if (errno == EPERM) throw NeedsRoot("link.* needs root");
       throw Error("cannot create a network namespace for the check: " +
                   std::generic_category().message(errno));
+    }
     const std::string table = std::string(journal::own_prefix) + "check", interface = "lo";
     if (needs_netem(faults))
       try_it("link.delay, link.jitter, link.reorder", "qdisc netem (module sch_netem)",

@@ -36,6 +36,15 @@ std::vector<std::string> interface_of(const Host& host) {
   return words;
 }
 
+// The answer to "check", with the host and how it gets root.
+std::string lack_of_link(const std::string& name, const Host& host, const json& answer) {
+  const auto what = fmt::format("on the {}, {}", name, answer.at("error").get<std::string>());
+  if (!answer.contains("root_by")) return what;
+  std::string by = answer.at("root_by");
+  if (by.empty()) by = host.ssh.empty() ? as_root() : by_root(host.ssh) + ", or host-prefix: [sudo, -n]";
+  return what + ". Fix: " + by;
+}
+
 bool all_by_ip(const Together& runs) {
   return std::ranges::none_of(runs, [](const Run& run) { return is_below_ip(run.task.transport); });
 }
@@ -146,7 +155,7 @@ void Machines::check(const Run& run) {
   for (auto& [reach, machine] : machines_)
     if (const auto answer = ask(machine, "check", "checked", {{"faults", keeper::to_json(run.faults)}});
         answer.contains("error"))
-      fail(answer.at("error"));
+      fail(lack_of_link(machine.hosts.front(), machine.where, answer));
 }
 
 bool Machines::has_ports() const {

@@ -85,14 +85,13 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
   return fmt::format("the connection to {} was lost{}", destination, line.empty() ? "" : " (" + line + ")");
 }
 
-// "pw@c1" → "root@c1"; "": of an URI, which may hold a port.
-std::string as_root_there(const std::string& destination) {
-  if (destination.find("://") != destination.npos) return "";
-  const auto at = destination.rfind('@');
-  return "root@" + (at == destination.npos ? destination : destination.substr(at + 1));
-}
-
 }  // namespace
+
+std::string by_root(const std::string& destination) {
+  if (destination.find("://") != destination.npos) return "ssh as root";
+  const auto at = destination.rfind('@');
+  return "ssh: root@" + (at == destination.npos ? destination : destination.substr(at + 1));
+}
 
 std::string reason_of_prefix(const std::string& destination, const std::vector<std::string>& prefix,
                              int code) {
@@ -100,14 +99,10 @@ std::string reason_of_prefix(const std::string& destination, const std::vector<s
   if (code != sudo_failed || prefix.empty() || std::filesystem::path(prefix.front()).filename() != "sudo")
     return "";
   const bool here = destination.empty();
-  const auto root = as_root_there(destination);
   return fmt::format(
       "sudo{} did not start ontime; its own message is above. If it asks for a password: permit ontime with "
-      "NOPASSWD in sudoers{}, or {}. If it does not find ontime: set program: PATH",
-      here ? "" : " on " + destination, here ? "" : " there",
-      here           ? "run ontime as root, without host-prefix"
-      : root.empty() ? "use ssh as root, without host-prefix"
-                     : "use ssh: " + root + " without host-prefix");
+      "NOPASSWD in sudoers{}, or use {} without host-prefix. If it does not find ontime: set program: PATH",
+      here ? "" : " on " + destination, here ? "" : " there", here ? "`sudo ontime`" : by_root(destination));
 }
 
 std::string reason_of(const std::string& destination, const std::string& program, int code,

@@ -49,6 +49,8 @@ inline constexpr const char* ssh_invalid = "contains invalid characters";
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said);
 
+// How a scenario says that it is root there: "pw@c1" → "ssh: root@c1".
+std::string by_root(const std::string& destination);
 // Why the words before the command (`sudo`) did not start it; "" if unknown. `destination`: "": this machine.
 std::string reason_of_prefix(const std::string& destination, const std::vector<std::string>& prefix,
                              int code);

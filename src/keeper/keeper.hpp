@@ -26,7 +26,8 @@
 //   restore {}            restored {notes}: what could not be restored
 //   load   {host, load}   loaded {scaled}, or {error}: stress-ng for a host of that name, until unload;
 //                         `scaled`: for people, "" as a rule
-//   check  {faults}       checked {}, or {error}: the fault that this kernel lacks
+//   check  {faults}       checked {}, or {error, root_by}: the fault that this kernel lacks; `root_by`: only
+//                         if root is missing: how this container gives it, or ""
 //   link   {host, network_namespace, interface, faults, traffic_ports, by_ip}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
 //                         unload: what goes by other UDP ports than these, where messages go `by_ip`

@@ -20,6 +20,7 @@
 #include "keeper/tuned.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
+#include "realtime/privileges.hpp"
 #include "trace/trace.hpp"
 #include "transport/transport.hpp"
 
@@ -249,6 +250,9 @@ class Keeper final : public orders::Worker {
     try {
       what();
       return json::object();
+    } catch (const background::NeedsRoot& error) {
+      return {{"error", error.what()},
+              {"root_by", realtime::how_to_be_root_in_container(realtime::privileges())}};
     } catch (const background::Error& error) {
       return {{"error", error.what()}};
     } catch (const journal::Error& error) {
