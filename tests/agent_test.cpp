@@ -19,6 +19,7 @@
 
 #include "agent/end.hpp"
 #include "orders/orders.hpp"
+#include "own_link.hpp"
 
 namespace ontime::agent {
 namespace {
@@ -88,11 +89,11 @@ class Agent : public testing::Test {
     hand.order(order, std::move(body));
     return coordinator_.await(hand, answer, 60s);
   }
-  std::string failure(const Task& task, std::chrono::nanoseconds wait = 100ms) {
+  std::string failure(const Task& task, std::chrono::nanoseconds wait = 100ms, bool served = false) {
     try {
       Hand agent(coordinator_, "the agent", command(), sample_layout());
       ask(agent, "open", "opened", {{"task", to_json(task)}});
-      ask(agent, "start", "ready", {{"wait_ns", wait.count()}});
+      ask(agent, "start", "ready", {{"wait_ns", wait.count()}, {"served", served}});
     } catch (const Error& error) {
       return std::to_string(error.exit) + " " + error.what();
     }
@@ -317,6 +318,20 @@ TEST(Memory, EndIsRefusedIfItsControlGroupHasTooLittleLeft) {
   EXPECT_THAT(refusal(150, 160), HasSubstr("has 0 MiB left of 150 MiB"));
   EXPECT_THAT(refusal(150, 100, 30), HasSubstr("This machine has 30 MiB free")) << "which is less";
   EXPECT_EQ(refusal(std::uint64_t{1} << 40U, 8), "") << "no limit";
+}
+
+TEST_F(Agent, ServerOnAnotherLinkIsToldWithTheRouteToIt) {
+  if (geteuid() != 0) GTEST_SKIP() << "network namespaces need root";
+  const OwnLink link;
+  auto task = task_of(transport::Role::client, some_domain());
+  task.config.interface = "far";
+  task.config.peers = {"10.9.0.9:7900"};
+  EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("route to 10.9.0.9 is by near"),
+                                            HasSubstr("ontime pong"), HasSubstr("--interface near")));
+  EXPECT_THAT(failure(task, 100ms, true), testing::AllOf(HasSubstr("controller's interface: near"),
+                                                         testing::Not(HasSubstr("ontime pong"))));
+  task.config.interface = "near";
+  EXPECT_THAT(failure(task), testing::Not(HasSubstr("route")));
 }
 
 TEST_F(Agent, UnusableTaskIsRefusedWithReason) {

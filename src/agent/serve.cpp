@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <memory>
 #include <sstream>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <sched.h>
@@ -48,6 +49,20 @@ std::vector<std::string> addresses() {
   return all;
 }
 
+// A likely cause where a peer does not answer. It decides nothing: several links may lead there.
+std::string by_another_link(const transport::Config& config, bool served) {
+  if (config.interface.empty() || config.peers.empty()) return "";
+  const auto peer = config.peers.front().substr(0, config.peers.front().find(':'));
+  try {
+    const auto route = machine::interface_to(peer, "");
+    if (route == config.interface) return "";
+    return fmt::format("; the route to {} is by {}, not by {}. Fix: {}{}", peer, route, config.interface,
+                       served ? "controller's interface: " : "--interface ", route);
+  } catch (const machine::Error&) {
+    return fmt::format("; this host has no route to {}", peer);
+  }
+}
+
 class Agent final : public orders::Worker {
  public:
   explicit Agent(orders::Events& events) : events_(events) {}
@@ -62,6 +77,7 @@ class Agent final : public orders::Worker {
       shares_link_ = opened.ssh_link && opened.ssh_link->shared;
       auto answer = record::to_json(opened);
       answer["addresses"] = addresses();
+      answer["mtu"] = machine::mtu_of(end_->task().config.interface).value_or(0);
       return events_.tell("opened", std::move(answer));
     }
     if (!end_) throw Error(3, "order '" + order + "' came before 'open' (a bug: please report)");
@@ -70,7 +86,7 @@ class Agent final : public orders::Worker {
       notes_answers_ = true;
     }
     if (order == "start")
-      start(std::chrono::nanoseconds(body.at("wait_ns").get<std::int64_t>()));
+      start(std::chrono::nanoseconds(body.at("wait_ns").get<std::int64_t>()), body.value("served", false));
     else if (order == "begin")
       begin();
     else if (order == "go")
@@ -98,7 +114,8 @@ class Agent final : public orders::Worker {
   // What a client does at the moment.
   enum class Stage { idle, matching, warming_up, measuring };
 
-  void start(std::chrono::nanoseconds wait) {
+  void start(std::chrono::nanoseconds wait, bool served) {
+    served_ = served;
     if (end_->client() == nullptr && end_->background() == nullptr) return events_.tell("ready");
     wait_ = wait;
     until_ = Clock::now() + wait;
@@ -118,15 +135,25 @@ class Agent final : public orders::Worker {
     events_.tell("ended", record::to_json(end_->ended()));
   }
 
+  std::string unfound() {
+    const auto& [transport, config] = std::tie(end_->task().transport, end_->task().config);
+    const auto seen = end_->endpoint().seen();
+    const auto text = fmt::format(
+        "{} over {} within {:g} s{}{}",
+        served_ ? "the component's server (pong) runs, but was not found" : "no server (pong) found",
+        transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
+        end_->opened().transport.below_ip.value_or(false) ? "" : by_another_link(config, served_));
+    if (served_) return text;
+    return fmt::format(
+        "{}. Check that `ontime pong --transport {}` runs on the other machine, in domain {}, on the same "
+        "link",
+        text, transport, config.domain);
+  }
+
   milliseconds match() {
     if (end_->client() != nullptr && !end_->endpoint().matched().both()) {
       if (Clock::now() < until_) return 5ms;
-      const auto seen = end_->endpoint().seen();
-      throw Unanswered(fmt::format(
-          "no server (pong) found over {} within {:g} s{}. Check that `ontime pong --transport {}` "
-          "runs on the other machine, in domain {}, on the same link",
-          end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
-          end_->task().transport, end_->task().config.domain));
+      throw Unanswered(unfound());
     }
     if (auto* background = end_->background(); background != nullptr && !background->matched()) {
       if (Clock::now() < until_) return 5ms;
@@ -161,11 +188,11 @@ class Agent final : public orders::Worker {
     } else if (Clock::now() > until_) {
       throw Unanswered(fmt::format(
           "the server (pong) over {} answered {} of {} warm-up messages within {:g} s. Possible "
-          "causes: the payload is larger than the server accepts (pong --payload SIZE) or the "
-          "link carries; a firewall drops it{}{}",
+          "causes: the payload is larger than {}the link carries; a firewall drops it{}{}",
           end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
           seconds(wait_ +
                   end_->task().client.period * static_cast<std::int64_t>(end_->task().client.warm_up)),
+          served_ ? "" : "the server accepts (pong --payload SIZE) or ",
           client.counters().wrong_size > 0 ? "; another program answers (with payloads of another size)" : "",
           end_->task().background.callback.count() > 0
               ? "; callbacks of background topics (background.callback) keep its thread busy"
@@ -245,6 +272,7 @@ class Agent final : public orders::Worker {
   Stage stage_ = Stage::idle;
   bool shares_link_ = false, notes_answers_ = false;
   std::chrono::nanoseconds wait_{0};
+  bool served_ = false;  // ontime started the server
   transport::Matched peers_;
   Clock::time_point until_, next_progress_, finish_;
 };

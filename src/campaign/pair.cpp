@@ -160,6 +160,7 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
   const auto opened = ask_host(end, {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
   end.opened = record::read<record::Host>(opened);
   end.addresses = opened.at("addresses");
+  end.mtu = opened.at("mtu");
   const auto& declared = end.opened.transport;
   if (const auto why = scenario::why_not_by(task.transport,
                                             {.below_ip = declared.below_ip.value_or(false),
@@ -215,6 +216,14 @@ void Pair::open() {
   background_.push_back(open("controller", of_their_own(of_controller)));
 }
 
+// For people, where large messages may not get through; "" if both ends have the same.
+std::string Pair::different_mtus() const {
+  if (!component_ || component_->mtu == 0 || controller_->mtu == 0 || component_->mtu == controller_->mtu)
+    return "";
+  return fmt::format("; the MTU is {} at the controller, {} at the component. Fix: set both to the same",
+                     controller_->mtu, component_->mtu);
+}
+
 std::optional<Claim> Pair::claim() const {
   if (!component_) return {};
   const auto& host = machines_.hosts().at(run_.component);
@@ -225,7 +234,12 @@ void Pair::make_ready(std::chrono::nanoseconds wait) {
   wait_ = wait;
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
   const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
-  for (const auto* end : ends()) ask(*end, "start", "ready", {{"wait_ns", wait_.count()}}, longest);
+  const json body{{"wait_ns", wait_.count()}, {"served", component_.has_value()}};
+  try {
+    for (const auto* end : ends()) ask(*end, "start", "ready", body, longest);
+  } catch (const orders::Unanswered& error) {
+    throw orders::Unanswered(error.what() + different_mtus());
+  }
 }
 
 void Pair::begin() {

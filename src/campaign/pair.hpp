@@ -59,8 +59,9 @@ class Pair {
     std::string host, role;
     std::unique_ptr<Hand> agent;
     record::Host opened, ended;
-    bool again = false;  // restarted while the client measured
-    std::vector<std::string> addresses{};
+    bool again = false;                    // restarted while the client measured
+    std::vector<std::string> addresses{};  // of its place
+    int mtu = 0;                           // of its interface; 0: unknown
   };
   End open(const std::string& host, agent::Task);
   nlohmann::json ask_host(const End&, nlohmann::json task) const;
@@ -70,6 +71,7 @@ class Pair {
   void listen_to(Hand& client);
   void note_peers(const nlohmann::json& event);
   void note_downs(const End&);
+  std::string different_mtus() const;
   void note_now(const char* kind, const std::string& text);
 
   const Run& run_;

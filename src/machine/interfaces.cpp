@@ -14,6 +14,7 @@
 #include <net/if.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 
 #include "journal/journal.hpp"
@@ -132,6 +133,14 @@ std::optional<std::string> interface_with(const std::string& wanted) {
     if (numeric(*found) == wanted) return name_of(*address);
   }
   return {};
+}
+
+std::optional<int> mtu_of(const std::string& interface) {
+  const process::Fd any(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  ifreq request{};
+  interface.copy(request.ifr_name, sizeof request.ifr_name - 1);
+  if (any.get() < 0 || ioctl(any.get(), SIOCGIFMTU, &request) != 0) return {};
+  return request.ifr_mtu;
 }
 
 std::string master_of(const std::string& interface) {

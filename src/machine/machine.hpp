@@ -104,6 +104,7 @@ struct Interface {
   bool loopback;
 };
 std::vector<Interface> interfaces();
+std::optional<int> mtu_of(const std::string& interface);
 std::string master_of(const std::string& interface);  // the bridge or bond that it is a port of, or ""
 // The name of the interface with this IPv4 or IPv6 address, as getnameinfo() writes it.
 std::optional<std::string> interface_with(const std::string& address);
