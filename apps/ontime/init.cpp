@@ -67,8 +67,11 @@ echo ontime-init "$1" "$3" "$(command -v ontime >/dev/null && echo yes || echo n
     END {print i, v[i]}')")sh";
 
 Place place_of(const std::string& host) {
-  const auto [said, code] = said_by_ssh({"-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
-                                         table::shell_line({"sh", "-c", question})});
+  std::vector<std::string> words_here{"-T", "-o", "ConnectTimeout=5"};
+  const auto& options = campaign::ssh_options();
+  words_here.insert(words_here.end(), options.begin(), options.end());
+  words_here.insert(words_here.end(), {"--", host, table::shell_line({"sh", "-c", question})});
+  const auto [said, code] = said_by_ssh(words_here);
   const auto answer = said.find("ontime-init ");
   if (code != 0 || answer == said.npos)
     throw Error(said.find(campaign::ssh_invalid) != said.npos ? 2 : 3,
@@ -86,17 +89,24 @@ Place place_of(const std::string& host) {
   return place;
 }
 
-// This machine, as the other end of the connection to `other` sees it.
+// This machine, as the other end of the connection to `other` sees it; through a jump host or a router, what
+// it sees is no address of this machine.
 Place this_machine(const Place& other) {
   Place place;
   place.address = other.peer;
   place.interface = machine::interface_to(other.address, "");
-  if (!is_ipv6(place.address)) return place;
+  const bool is_own = machine::interface_with(place.address).has_value();
+  if (is_own && !is_ipv6(place.address)) return place;
   for (const auto& interface : machine::interfaces())
     if (interface.name == place.interface && !interface.addresses.empty()) {
+      if (!is_own)
+        print_error(fmt::format(
+            "{}: ssh reaches it by way of another host ({}). Check that messages from {} reach it directly",
+            other.ssh, other.peer, interface.name));
       place.address = interface.addresses.front();
       return place;
     }
+  if (!is_ipv6(place.address)) return place;
   refuse_without_ipv4("this machine", place.address);
 }
 

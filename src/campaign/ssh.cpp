@@ -87,6 +87,15 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
 
 }  // namespace
 
+const std::vector<std::string>& ssh_options() {
+  static const std::vector<std::string> all{"-o", "ControlPersist=no",       "-o", "BatchMode=yes",
+                                            "-o", "LogLevel=ERROR",          "-o", "RemoteCommand=none",
+                                            "-o", "ClearAllForwardings=yes", "-o", "ForwardAgent=no",
+                                            "-o", "ForwardX11=no",           "-o", "ConnectTimeout=20",
+                                            "-o", "ServerAliveInterval=5",   "-o", "ServerAliveCountMax=2"};
+  return all;
+}
+
 std::string by_root(const std::string& destination) {
   if (destination.find("://") != destination.npos) return "ssh as root";
   const auto at = destination.rfind('@');
@@ -150,13 +159,9 @@ std::vector<std::string> Ssh::command(const char* local_script, const char* shar
                                       const std::vector<std::string>& there) const {
   std::vector<std::string> words{"sh", "-c",           local_script, folder_,          "-T",
                                  "-S", folder_ + "/c", "-E",         folder_ + "/said"};
-  // Options that a user's ssh configuration may set otherwise and that would break a worker's pipe. A dead
-  // link is detected as fast as a silent worker.
-  for (const auto* option :
-       {sharing, "ControlPersist=no", "BatchMode=yes", "LogLevel=ERROR", "RemoteCommand=none",
-        "ClearAllForwardings=yes", "ForwardAgent=no", "ForwardX11=no", "ConnectTimeout=20",
-        "ServerAliveInterval=5", "ServerAliveCountMax=2"})
-    words.insert(words.end(), {"-o", option});
+  words.insert(words.end(), {"-o", sharing});
+  const auto& options = ssh_options();
+  words.insert(words.end(), options.begin(), options.end());
   words.insert(words.end(), {"--", destination_, table::shell_line(there)});
   return words;
 }

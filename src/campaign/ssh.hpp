@@ -43,6 +43,9 @@ class Ssh {
 
 // The exit code of such a command where this machine has no ssh client.
 inline constexpr int no_ssh_here = 125;
+// Options that a user's ssh configuration may set otherwise, and that would break a worker's pipe. A dead
+// link is detected as fast as a silent worker. Of an option that is stated twice, ssh takes the first.
+const std::vector<std::string>& ssh_options();
 // What ssh says of a destination that can be none.
 inline constexpr const char* ssh_invalid = "contains invalid characters";
 // As Between::reason: from the exit code and from output that is not an event. "" if unknown.

@@ -240,10 +240,18 @@ class Newcomer(unittest.TestCase):
         said = init("::1 5000 2001:db8::9 22", 3)
         self.assertIn("robot: ssh uses the IPv6 address 2001:db8::9. Messages need an IPv4 address", said)
         self.assertFalse((self.folder / "robot.yaml").exists())
-        init("::1 5000 ::1%lo 22", 0)
+        self.assertNotIn("another host", init("::1 5000 ::1%lo 22", 0))
         hosts = [line.strip() for line in (self.folder / "robot.yaml").read_text().splitlines() if "address:" in line]
         self.assertEqual(hosts, ["controller: {interface: lo, address: 127.0.0.1}",
                                  "component: {ssh: robot, interface: lo, address: 127.0.0.1}"])
+
+    def test_init_through_a_jump_host_writes_this_machines_own_address(self):
+        ssh = self.folder / "ssh"
+        ssh.write_text('#!/bin/sh\nfor command; do :; done\nexec sh -c "$command"\n')
+        ssh.chmod(0o755)
+        done = self.ontime("init", "robot", SSH_CONNECTION="203.0.113.9 5000 127.0.0.1 22", PATH=f"{self.folder}:{os.environ['PATH']}")
+        self.assertIn("another host (203.0.113.9)", done.stderr)
+        self.assertIn("controller: {interface: lo, address: 127.0.0.1}", (self.folder / "robot.yaml").read_text())
 
     def test_help_fits_and_groups_commands_by_purpose(self):
         text = self.ontime("--help", LANG="C").stdout

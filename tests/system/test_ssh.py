@@ -176,6 +176,7 @@ class Ssh(unittest.TestCase):
             self.assertIn(f"ontime run {file} --deploy", answer.stdout)  # there is no ontime in the PATH of its user
             return file, yaml.safe_load(file.read_text())["hosts"]
 
+        self.configure(RemoteCommand="tmux attach", RequestTTY="yes")
         component = {"ssh": "robot", "interface": "ssh-far", "address": "198.18.2.2"}
         file, hosts = init("robot")
         self.assertEqual(hosts, {"controller": {"interface": "ssh-near", "address": "198.18.2.1"}, "component": component})
