@@ -287,6 +287,11 @@ TEST_F(ScenarioFile, InvalidHostsAreRefusedWithTheirPlace) {
   for (const auto* odd : {"-oProxyCommand=x", "me at robot", "\"robot\\n\""})
     EXPECT_THAT(with(std::string("ssh: ") + odd), HasSubstr("ssh destination")) << odd;
   EXPECT_THAT(with("host-prefix: ssh"), HasSubstr("host-prefix: a list of words"));
+  for (const auto* address : {"fd00:9::2", "::1", "'[fd00:9::2]:7900'", "fe80::1%eth0"})
+    EXPECT_THAT(error("hosts: {component: {address: " + std::string(address) +
+                      "}}\nruns: [{id: a, transport: udp}]\n"),
+                testing::AllOf(HasSubstr(":1:29: address: "), HasSubstr("IPv4")))
+        << address;
   EXPECT_THAT(with("command-prefix: [ip, '']"), HasSubstr("command-prefix: a value is needed"));
   EXPECT_THAT(with("command-prefix: [ip, [netns]]"), HasSubstr("command-prefix: a value is needed"));
   EXPECT_THAT(with("program: []"), HasSubstr("program: a value is needed"));

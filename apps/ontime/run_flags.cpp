@@ -88,6 +88,7 @@ campaign::Run RunFlags::run() const {
   }
   if (std::ranges::any_of(peers_, [](const auto& peer) { return peer.empty(); }))
     throw wrong("--peer: a value is needed");
+  for (const auto& peer : peers_) read_flag("--peer", [&] { campaign::check_address(peer); });
   for (const auto& option : options_) {
     const auto equals = option.find('=');
     if (equals == std::string::npos || equals == 0) throw wrong("--option: '{}' is not NAME=VALUE", option);

@@ -202,5 +202,7 @@ nlohmann::json asked(const Run&, const Hosts&);
 nlohmann::json asked(const Wire&);  // null: no wire is stated
 // Whether the scenario names its component.
 bool is_named(const Run&);
+// HOST or HOST:PORT of messages. Throws std::invalid_argument for an IPv6 address.
+void check_address(const std::string&);
 
 }  // namespace ontime::conditions

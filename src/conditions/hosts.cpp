@@ -2,6 +2,8 @@
 // Hosts: their keys, those of the wire, and the record's form of a run on them.
 #include <algorithm>
 
+#include <arpa/inet.h>
+
 #include "conditions/fields.hpp"
 #include "journal/journal.hpp"
 
@@ -51,6 +53,15 @@ PartKey<Host> command(const char* path, const char* earlier, const char* help, W
 
 }  // namespace
 
+void check_address(Text text) {
+  const bool in_brackets = text.starts_with('[');
+  auto address = in_brackets ? text.substr(1, text.find(']') - 1) : text;
+  address = address.substr(0, address.find('%'));
+  in6_addr found{};
+  if (inet_pton(AF_INET6, address.c_str(), &found) == 1)
+    throw std::invalid_argument(fmt::format("'{}' is an IPv6 address; messages need an IPv4 address", text));
+}
+
 const Host& Hosts::at(const std::string& name) const { return find(*this, name); }
 Host& Hosts::at(const std::string& name) { return find(*this, name); }
 
@@ -77,7 +88,7 @@ const std::vector<PartKey<Host>>& host_keys() {
       word("interface", "NAME", "the link under test; messages use no other", &Host::interface,
            check_interface),
       word("address", "ADDRESS", "for messages from the other host; the component's is required",
-           &Host::address)};
+           &Host::address, check_address)};
   return keys;
 }
 

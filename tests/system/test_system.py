@@ -216,6 +216,7 @@ class System(Program):
             (["run", scenario, "--transports", "telepathy", "--results", self.results], 2, "telepathy"),
             (["run", os.path.join(self.folder, "none.yaml")], 2, "none.yaml"),
             (["ping", "--transport", "udp", "--payload", "70 kB", "--peer", "127.0.0.1"], 2, "65475"),
+            (["ping", "--transport", "udp", "--peer", "::1"], 2, "IPv4"),
             (["ping", "--transport", "udp", "--interface", "nonet0", "--peer", "127.0.0.1"], 2, "nonet0"),
             (["ping", "--transport", "cyclonedds", "--interface", "lo", "--domain", "99", "--wait", "500 ms"], 3, "pong"),
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--period", ""], 2, "--period"),
