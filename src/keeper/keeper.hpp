@@ -38,12 +38,14 @@
 //                         what this kernel cannot trace, for people; or {error}
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as possible
 //   unload {}             unloaded {notes}: what of the load could not be removed
-//   begin  {}             begun {}: "during the run" is from here on
+//   begin  {links: {host: link}}
+//                         begun {}: "during the run" is from here on. `links`: of hosts whose settings are read
 //   end    {}             ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
 //                         others, machine}: a record::Activity; for each host with them a record::Host's
-//                         load, settings and reserved CPUs at this moment; record::Links; the commands of
-//                         other ontimes that changed this machine at begin or end; and the machine as it was
-//                         at begin, but its clock as it is now, with moved_ns: how far it was set since
+//                         load, changed settings and reserved CPUs at this moment, and its settings at begin;
+//                         record::Links; the commands of other ontimes that changed this machine at begin or
+//                         end; and the machine as it was at begin, but its clock as it is now, with moved_ns:
+//                         how far it was set since
 //   close  {}             closed {notes}: what could not be restored
 #pragma once
 
