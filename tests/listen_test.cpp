@@ -226,8 +226,10 @@ TEST(Silence, SilenceOfADeadWriterExceedsItsLimit) {
   flows[0].silent_ns = 0;
   judge_silence(flows, Limits{}, 6'000'000'000);
   EXPECT_EQ(flows[0].silent_ns, 0) << "no limit was stated";
+  EXPECT_EQ(flows[0].idle_ns, 5'000'000'000);
   judge_silence(flows, Limits{.deadline = 15ms, .period = {}, .age = {}}, 6'000'000'000, 5'900'000'000);
   EXPECT_EQ(flows[0].silent_ns, 100'000'000) << "before that, nothing listened";
+  EXPECT_EQ(flows[0].idle_ns, 100'000'000);
 }
 
 // A node that starts again is another process.

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 
 #include "watch/watch.hpp"
@@ -10,6 +11,7 @@ using listen::Findings;
 using listen::Flow;
 using listen::Miss;
 using listen::Why;
+using namespace std::chrono_literals;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
@@ -35,14 +37,16 @@ Flow flow(std::uint64_t messages, const char* writer = "controller") {
 }
 
 struct Counters : testing::Test {
-  void look(std::vector<Flow> flows) {
+  void look(std::vector<Flow> flows, std::chrono::seconds listened = 0s) {
     Findings findings;
     findings.flows = std::move(flows);
-    counters.add(findings);
+    counters.add(findings, listened);
   }
   // The value of a series, as Prometheus reads it.
-  std::string value(const std::string& name, const std::string& writer = "controller") const {
-    const auto series = "\n" + name + R"({topic="/cmd_vel",writer=")" + writer + R"(",reader="base"} )";
+  std::string value(const std::string& name, const std::string& writer = "controller",
+                    const std::string& reader = "base") const {
+    const auto series =
+        fmt::format("\n{}{{topic=\"/cmd_vel\",writer=\"{}\",reader=\"{}\"}} ", name, writer, reader);
     const auto text = counters.metrics();
     const auto at = text.find(series);
     if (at == text.npos) return "none";
@@ -135,19 +139,71 @@ TEST_F(Counters, ReturningFlowAddsOnlyItsIncrease) {
 }
 
 TEST_F(Counters, TopicIsSilentOnlyWhileAllOfItsFlowsAre) {
+  counters = TopicCounters({.deadline = 15ms, .period = {}, .age = {}});
   auto ended = flow(100), active = flow(1);
-  ended.silent_ns = 7'500'000'000;
+  ended.idle_ns = 7'500'000'000;
   active.id = 2;
+  active.idle_ns = 14'000'000;
   look({ended});
   EXPECT_EQ(value("ontime_topic_silent_seconds"), "7.5");
   look({ended, active});
   EXPECT_EQ(value("ontime_topic_silent_seconds"), "0");
   look({});
   EXPECT_EQ(value("ontime_topic_silent_seconds"), "none");
-  active.silent_ns = 60'000'000'000;
-  ended.was_replaced = true;
+  active.idle_ns = 60'000'000'000;
+  ended.idle_ns = 200'000'000'000;
   look({ended, active});
   EXPECT_EQ(value("ontime_topic_silent_seconds"), "60") << "the node that ended began again, and now hangs";
+}
+
+TEST_F(Counters, WithoutALimitOnlyStatedTopicsAreSilent) {
+  auto one = flow(100);
+  one.idle_ns = 7'000'000'000;
+  look({one});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "none") << "it may be one that seldom comes";
+  EXPECT_EQ(value("ontime_topic_silent_seconds_total"), "none");
+  counters = TopicCounters({.deadline = {}, .period = {}, .age = 5ms}, {"/cmd_vel"});
+  look({one});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "7");
+  one.idle_ns = 4'900'000'000;
+  look({one});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "0");
+}
+
+TEST_F(Counters, SilencesBetweenTwoScrapesAddUp) {
+  counters = TopicCounters({.deadline = 100ms, .period = {}, .age = {}});
+  auto one = flow(100);
+  const auto idle = [&](std::int64_t ms) {
+    one.idle_ns = ms * 1'000'000;
+    look({one});
+    return value("ontime_topic_silent_seconds_total");
+  };
+  EXPECT_EQ(idle(10), "0");
+  EXPECT_EQ(idle(1010), "1.01");
+  EXPECT_EQ(idle(2010), "2.01");
+  EXPECT_EQ(idle(2010), "2.01") << "paused by --budget";
+  EXPECT_EQ(idle(30), "2.01");
+  EXPECT_EQ(idle(500), "2.51");
+  EXPECT_EQ(idle(200), "2.71") << "another silence";
+  look({});
+  EXPECT_EQ(value("ontime_topic_silent_seconds_total"), "2.71");
+}
+
+TEST_F(Counters, StatedTopicHasSeriesBeforeItComesAndAfterItsFlowsAreForgotten) {
+  counters = TopicCounters({}, {"/cmd_vel"});
+  const auto unseen = [&](std::vector<Flow> flows, std::chrono::seconds listened) {
+    look(std::move(flows), listened);
+    return value("ontime_topic_silent_seconds", "", "");
+  };
+  EXPECT_EQ(unseen({}, 1s), "0");
+  EXPECT_EQ(value("ontime_topic_late_total", "", ""), "0");
+  EXPECT_EQ(unseen({}, 8s), "8");
+  EXPECT_EQ(unseen({flow(100)}, 9s), "none") << "its flow has it now";
+  auto ended = flow(100);
+  ended.idle_ns = 6'000'000'000;
+  EXPECT_EQ(unseen({ended}, 20s), "none");
+  EXPECT_EQ(unseen({}, 21s), "7") << "since its last message";
+  EXPECT_EQ(value("ontime_topic_silent_seconds_total", "", ""), "15");
 }
 
 TEST_F(Counters, UnknownLossHasNoSeries) {
@@ -177,8 +233,8 @@ TEST_F(Counters, CausesAddUpToAllMisses) {
   counters.add({explained, Miss{}, explained});
   Findings findings;
   findings.misses_left_out = {{"/cmd_vel", 40}, {"/scan", 2}};
-  counters.add(findings);
-  counters.add(findings);
+  counters.add(findings, 1s);
+  counters.add(findings, 1s);
   EXPECT_THAT(counters.metrics(), HasSubstr("{cause=\"cpu\"} 2\n"));
   EXPECT_THAT(counters.metrics(), HasSubstr("{cause=\"not looked for\"} 43\n"));
 }
@@ -212,7 +268,7 @@ TEST_F(Counters, ChainHasAHistogramForEachWayAndWhereMessagesEnded) {
   path.parties = {{1, "lidar"}, {2, "nav"}, {3, "base"}};
   path.age.add(5'000'000);
   path.late = 1;
-  counters.add(findings);
+  counters.add(findings, 1s);
   const auto first = counters.metrics();
   const std::string labels = "chain=\"/scan → /cmd_vel\",nodes=\"lidar → nav → base\"";
   EXPECT_THAT(first, HasSubstr("ontime_chain_age_seconds_count{" + labels + "} 1\n"));
@@ -223,7 +279,7 @@ TEST_F(Counters, ChainHasAHistogramForEachWayAndWhereMessagesEnded) {
   // Another process of these names goes on in the series; what came out after all makes no counter fall.
   path.id = 8;
   chain.ended = {1, 19, 3};
-  counters.add(findings);
+  counters.add(findings, 1s);
   EXPECT_THAT(counters.metrics(), HasSubstr("ontime_chain_age_seconds_count{" + labels + "} 2\n"));
   EXPECT_THAT(counters.metrics(), HasSubstr(ended + " 20\n"));
 }

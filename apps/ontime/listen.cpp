@@ -122,6 +122,7 @@ class Listening {
                                                  : "starting to listen");
     const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);
     auto explainer = make_explainer();
+    counters_ = watch::TopicCounters(limits_, topics_);
     const auto metrics = metrics_at(arguments_.metrics);
     std::optional<record::Writer> writer;
     std::optional<ListenResults> results;
@@ -150,7 +151,7 @@ class Listening {
         auto seen = wanted(sensor->findings());
         terminal.waits(progress_of(seen));
         if (metrics) {
-          counters_.add(seen);
+          counters_.add(seen, cost_.listened());
           metrics->set(counters_.metrics());
         }
         if (results) results->write(with_chains(std::move(seen)).flows);

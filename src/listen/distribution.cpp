@@ -100,12 +100,19 @@ bool Limits::is_gap(std::int64_t ns) const {
   return longest && ns > longest->count();
 }
 
+bool Limits::is_silence(std::int64_t ns) const {
+  // What the alert of prometheus/alerts.yml waits for.
+  constexpr std::chrono::nanoseconds without_limit = std::chrono::seconds(5);
+  return ns > longest_gap().value_or(without_limit).count();
+}
+
 bool Limits::is_too_old(std::int64_t ns) const { return age && ns > age->count(); }
 
 void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t until_ns,
                    std::int64_t since_ns) {
   for (auto& flow : flows) {
     const auto begun_ns = std::max(flow.last_ns, since_ns);
+    flow.idle_ns = std::max<std::int64_t>(until_ns - begun_ns, 0);
     if (!limits.is_gap(until_ns - begun_ns)) continue;
     auto end_ns = until_ns;
     for (const auto& other : flows)

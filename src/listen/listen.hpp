@@ -47,6 +47,8 @@ struct Limits {
   bool any() const { return deadline || period || age; }
   std::optional<std::chrono::nanoseconds> longest_gap() const;  // of deadline and period, the stricter
   bool is_gap(std::int64_t ns) const;
+  // Without a message for so long, a topic that somebody watches is silent. With a limit for gaps: beyond it.
+  bool is_silence(std::int64_t ns) const;
   bool is_too_old(std::int64_t ns) const;
 };
 
@@ -123,6 +125,7 @@ struct Flow {
   // From its last message to the end of listening, or until a flow of the same names replaced it. 0: within
   // the limits.
   std::int64_t silent_ns = 0;
+  std::int64_t idle_ns = 0;   // from its last message until now, whatever the limits
   bool was_replaced = false;  // by a flow of the same names, as when a node restarts
   bool has_ended = false;     // its writer's or reader's process ended
   double rate_hz() const;
@@ -283,8 +286,8 @@ struct Findings {
   std::optional<Cost> cost;  // of probes; empty: not measured
 };
 
-// A dead writer sends no late message. Sets silent_ns of each flow: its silence until `until_ns`, counted
-// from `since_ns` at the earliest.
+// A dead writer sends no late message. Sets silent_ns and idle_ns of each flow: its silence until `until_ns`,
+// counted from `since_ns` at the earliest.
 void judge_silence(std::vector<Flow>&, const Limits&, std::int64_t until_ns, std::int64_t since_ns = 0);
 // Messages of the last moment of a live source may not be read yet.
 inline constexpr std::int64_t unread_ns = 300'000'000;

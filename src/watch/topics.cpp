@@ -15,6 +15,10 @@ std::string labels_of(const listen::Flow& flow) {
   return labels({{"topic", flow.topic}, {"writer", flow.writer.name}, {"reader", flow.reader.name}});
 }
 
+std::string labels_of_unseen(const std::string& topic) {
+  return labels({{"topic", topic}, {"writer", ""}, {"reader", ""}});
+}
+
 // Removes the entries that were updated longest ago.
 template <class Key, class Counts>
 void make_room(std::map<Key, Counts>& all) {
@@ -24,7 +28,9 @@ void make_room(std::map<Key, Counts>& all) {
 
 }  // namespace
 
-TopicCounters::TopicCounters() {
+TopicCounters::TopicCounters(const listen::Limits& limits, const std::set<std::string>& topics)
+    : limits_(limits) {
+  for (const auto& topic : topics) stated_[topic];
   // Prometheus sees no increase to the first value of a counter: each cause begins at 0.
   for (const auto& cause : listen::causes()) misses_[cause];
   misses_[not_looked_for];
@@ -42,7 +48,8 @@ TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& value
   return spread;
 }
 
-TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
+TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) const {
+  const bool is_awaited = limits_.longest_gap() || stated_.contains(flow.topic);
   return {.messages = flow.messages,
           .late = flow.late,
           .not_judged = flow.not_judged,
@@ -52,15 +59,14 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age) : Spread{},
           .period = spread_of(flow.period),
-          .silent_ns = flow.was_replaced ? std::nullopt : std::optional(flow.silent_ns)};
+          .idle_ns = is_awaited ? std::optional(flow.idle_ns) : std::nullopt};
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
   return {.messages = path.age.count() + path.not_judged,
           .late = path.late,
           .not_judged = path.not_judged,
-          .age = spread_of(path.age),
-          .silent_ns = 0};
+          .age = spread_of(path.age)};
 }
 
 // Adds the increase from `before` to `now`.
@@ -78,7 +84,7 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
       (series.*member).counts[i] += more((before.*member).counts[i], (now.*member).counts[i]);
     (series.*member).sum_ns += std::max((now.*member).sum_ns - (before.*member).sum_ns, 0.0);
   }
-  if (now.silent_ns) series.silent_ns = std::min(series.silent_ns.value_or(*now.silent_ns), *now.silent_ns);
+  if (now.idle_ns) series.idle_ns = std::min(series.idle_ns.value_or(*now.idle_ns), *now.idle_ns);
   series.look = now.look;
 }
 
@@ -115,10 +121,39 @@ void TopicCounters::add(const listen::Chain& chain) {
   }
 }
 
-void TopicCounters::add(const listen::Findings& findings) {
+// A stated topic without a flow: it never came, or its flows ended long ago. An alert must not end for that.
+void TopicCounters::add_unseen(const listen::Findings& findings, std::chrono::nanoseconds listened) {
+  std::map<std::string, std::int64_t> idle_ns;
+  for (const auto& flow : findings.flows) {
+    const auto [known, is_new] = idle_ns.try_emplace(flow.topic, flow.idle_ns);
+    if (!is_new) known->second = std::min(known->second, flow.idle_ns);
+  }
+  for (auto& [topic, heard_at] : stated_) {
+    if (const auto seen = idle_ns.find(topic); seen != idle_ns.end()) {
+      heard_at = listened - std::chrono::nanoseconds(seen->second);
+    } else {
+      auto& series = topics_.series[labels_of_unseen(topic)];
+      series.idle_ns = (listened - heard_at).count();
+      series.look = looks_;
+    }
+  }
+}
+
+// A scrape sees only the silence of its moment: the total tells of those between scrapes.
+void TopicCounters::add_silence(Counts& series) const {
+  const auto before_ns = series.silent_ns;
+  series.silent_ns = series.idle_ns && limits_.is_silence(*series.idle_ns) ? *series.idle_ns : 0;
+  if (!series.idle_ns) return;
+  const bool goes_on = series.silent_ns >= before_ns;
+  series.silent_total_ns = series.silent_total_ns.value_or(0) + series.silent_ns - (goes_on ? before_ns : 0);
+}
+
+void TopicCounters::add(const listen::Findings& findings, std::chrono::nanoseconds listened) {
   ++looks_;
-  for (auto& [labels, counts] : topics_.series) counts.silent_ns.reset();
+  for (auto& [labels, counts] : topics_.series) counts.idle_ns.reset();
   for (const auto& flow : findings.flows) add(topics_, flow.id, labels_of(flow), counts_of(flow));
+  add_unseen(findings, listened);
+  for (auto& [labels, counts] : topics_.series) add_silence(counts);
   for (const auto& chain : findings.chains) add(chain);
   misses_left_out_ = 0;
   for (const auto& [topic, count] : findings.misses_left_out) misses_left_out_ += count;
@@ -164,9 +199,12 @@ std::string TopicCounters::metrics() const {
   spread(topics_, "topic_age_seconds", "From the writer's time stamp to the take.", &Counts::age);
   spread(topics_, "topic_period_seconds", "From one message to the next.", &Counts::period);
   text.begin("topic_silent_seconds", "gauge",
-             "Time since the last message if beyond a stated limit, else 0.");
+             "Time since the last message if beyond the stated deadline or period (without: 5 s), else 0.");
   for (const auto& [labels, counts] : topics_.series)
-    if (counts.silent_ns) text.add(labels, static_cast<double>(*counts.silent_ns) / 1e9);
+    if (counts.idle_ns) text.add(labels, static_cast<double>(counts.silent_ns) / 1e9);
+  text.begin("topic_silent_seconds_total", "counter", "Sum of such times, as looked at once a second.");
+  for (const auto& [labels, counts] : topics_.series)
+    if (counts.silent_total_ns) text.add(labels, static_cast<double>(*counts.silent_total_ns) / 1e9);
   if (!ended_.empty()) {
     spread(chains_, "chain_age_seconds",
            "From the publish of a chain's first message to the take of its last.", &Counts::age);

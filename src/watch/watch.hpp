@@ -4,12 +4,14 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <deque>
 #include <map>
 #include <memory>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -121,8 +123,11 @@ class TopicCounters {
  public:
   // Limit of series, and of flows remembered from the last look.
   static constexpr std::size_t most_kept = 4096;
-  TopicCounters();
-  void add(const listen::Findings&);           // as they are now; about once a second
+  // `topics`: stated by the user, who expects messages of them: they have series from the start, and it
+  // counts their silence. With a limit for gaps it counts that of every topic.
+  explicit TopicCounters(const listen::Limits& = {}, const std::set<std::string>& topics = {});
+  // As they are now, and how long it has listened; about once a second.
+  void add(const listen::Findings&, std::chrono::nanoseconds listened);
   void add(const std::vector<listen::Miss>&);  // each once
   std::string metrics() const;
 
@@ -137,11 +142,13 @@ class TopicCounters {
     std::optional<std::uint64_t> lost{};  // empty: the sensor cannot tell
     std::uint64_t lost_not_judged = 0, duplicated = 0, reordered = 0;
     Spread age{}, period{};
-    std::optional<std::int64_t> silent_ns{};  // the shortest of its flows; empty: no flow is left
-    std::uint64_t look = 0;                   // number of the last look that saw it
+    std::optional<std::int64_t> idle_ns{};  // the shortest of its flows; empty: none is left, or not judged
+    std::int64_t silent_ns = 0;             // idle_ns if that is a silence
+    std::optional<std::int64_t> silent_total_ns{};  // of all silences; empty: not judged
+    std::uint64_t look = 0;                         // number of the last look that saw it
   };
   static Spread spread_of(const listen::Distribution&);
-  static Counts counts_of(const listen::Flow&);
+  Counts counts_of(const listen::Flow&) const;
   static Counts counts_of(const listen::ChainPath&);
   struct Series {
     std::map<std::uint64_t, Counts> flows;  // by id, as they were last seen
@@ -149,8 +156,13 @@ class TopicCounters {
   };
   void add(Series&, std::uint64_t id, const std::string& labels, Counts now) const;
   void add(const listen::Chain&);
+  void add_unseen(const listen::Findings&, std::chrono::nanoseconds listened);
+  void add_silence(Counts& series) const;
   static void grow(Counts& series, const Counts& before, const Counts& now);
 
+  listen::Limits limits_;
+  // By stated topic: how long it had listened when its last message came; zero: none came yet.
+  std::map<std::string, std::chrono::nanoseconds> stated_;
   Series topics_, chains_;
   std::map<std::string, std::uint64_t> ended_;   // of chains, by labels
   std::map<std::string, std::uint64_t> misses_;  // by cause

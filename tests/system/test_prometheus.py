@@ -93,7 +93,7 @@ class Fleet(unittest.TestCase):
         for robot in ROBOTS:
             # One ontime can record the kernel's events.
             arguments = [] if robot == ROBOTS[0] else ["--no-explain"]
-            cls.listeners[robot] = cls.start(robot, ONTIME, "listen", f"/{robot}/cmd_vel", "--deadline", "15ms", "--metrics",
+            cls.listeners[robot] = cls.start(robot, ONTIME, "listen", f"/{robot}/cmd_vel", "/never", "--deadline", "15ms", "--metrics",
                                              f"{address_of(robot)}:9464", *arguments)
         # Its first counts come when its own probes are set. A process's code does not tell whose probes it has.
         assert eventually(lambda: by_robot("ontime_sensor_lost_total").keys() == set(ROBOTS)), by_robot("up")
@@ -192,10 +192,13 @@ class Fleet(unittest.TestCase):
     def test_4_server_has_the_alerts_and_tells_of_silence(self):
         self.assertTrue(eventually(lambda: {rule["health"] for rule in asked("rules")["groups"][0]["rules"]} == {"ok"}),
                         asked("rules"))
-        # The publishers have ended, and a deadline is stated.
-        firing = lambda: {alert["labels"]["instance"] for alert in asked("alerts")["alerts"]
+        # The publishers have ended, and a deadline is stated; and nothing ever came on /never.
+        firing = lambda: {(alert["labels"]["instance"], alert["labels"]["topic"]) for alert in asked("alerts")["alerts"]
                           if alert["labels"]["alertname"] == "OntimeTopicSilent" and alert["state"] == "firing"}
-        self.assertTrue(eventually(lambda: firing() == set(ROBOTS)), asked("alerts"))
+        expected = {(robot, topic) for robot in ROBOTS for topic in (f"/{robot}/cmd_vel", "/never")}
+        self.assertTrue(eventually(lambda: firing() == expected), asked("alerts"))
+        for robot, seconds in by_robot('ontime_topic_silent_seconds_total{topic!="/never"}').items():
+            self.assertGreater(seconds, 5, robot)
 
     def test_5_texts_are_as_promtool_wants_them(self):
         for robot in ROBOTS:
