@@ -1,5 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // What Prometheus is served: only metrics, also beside odd and silent clients.
+#include <atomic>
+#include <cstring>
+#include <thread>
+
 #include <arpa/inet.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,6 +15,7 @@
 namespace ontime::watch {
 namespace {
 
+using namespace std::chrono_literals;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
@@ -24,8 +29,9 @@ class Served : public ::testing::Test {
     for (const int socket : sockets_) ::close(socket);
   }
 
-  int connect() {
-    const auto address = metrics_.address();
+  int connect(std::uint32_t from = INADDR_LOOPBACK) { return connect(metrics_, from); }
+  int connect(const Metrics& metrics, std::uint32_t from = INADDR_LOOPBACK) {
+    const auto address = metrics.address();
     sockaddr_in to{};
     to.sin_family = AF_INET;
     to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1))));
@@ -34,6 +40,10 @@ class Served : public ::testing::Test {
     sockets_.push_back(socket);
     const timeval patience{20, 0};
     ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    sockaddr_in own = to;
+    own.sin_port = 0;
+    own.sin_addr.s_addr = htonl(from);
+    EXPECT_EQ(::bind(socket, reinterpret_cast<const sockaddr*>(&own), sizeof own), 0);
     EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
     return socket;
   }
@@ -44,8 +54,9 @@ class Served : public ::testing::Test {
       text.append(buffer, static_cast<std::size_t>(n));
     return text;
   }
-  std::string ask(const std::string& request) {
-    const int socket = connect();
+  std::string ask(const std::string& request) { return ask(metrics_, request); }
+  std::string ask(const Metrics& metrics, const std::string& request) {
+    const int socket = connect(metrics);
     EXPECT_EQ(::send(socket, request.data(), request.size(), MSG_NOSIGNAL),
               static_cast<ssize_t>(request.size()));
     return read_all(socket);
@@ -108,6 +119,60 @@ TEST_F(Served, SilentClientsTimeOutSoThatOthersAreServed) {
   }
   EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n"), HasSubstr("ontime_measuring 1"));
   EXPECT_THAT(read_all(sockets_.front()), Not(HasSubstr("ontime_measuring")));
+}
+
+constexpr const char* get = "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n";
+
+TEST_F(Served, OldTextIsNoAnswer) {
+  Metrics hanging("127.0.0.1:0", {.fresh = 0ms, .patience = 0ms, .valid = 0ms});
+  EXPECT_THAT(ask(hanging, get), StartsWith("HTTP/1.1 503"));
+  hanging.set("ontime_measuring 1\n");
+  const auto answer = ask(hanging, get);
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 503"));
+  EXPECT_THAT(answer, Not(HasSubstr("ontime_measuring")));
+  EXPECT_FALSE(hanging.is_awaited()) << "it was not sent";
+  hanging.end();
+  EXPECT_THAT(ask(hanging, get), HasSubstr("ontime_measuring 1")) << "none follows";
+}
+
+TEST_F(Served, RequestThatWaitsIsNoSilentClient) {
+  Metrics hanging("127.0.0.1:0", {.fresh = 0ms, .patience = 2500ms, .valid = 0ms});
+  EXPECT_THAT(ask(hanging, get), StartsWith("HTTP/1.1 503"));
+}
+
+TEST_F(Served, RequestWaitsForTheNextText) {
+  Metrics asked("127.0.0.1:0", {.fresh = 0ms, .patience = 1h, .valid = 1h});
+  asked.set("ontime_measuring 1\n");
+  EXPECT_FALSE(asked.is_wanted());
+  std::thread caller([&] {
+    while (!asked.is_wanted()) std::this_thread::sleep_for(1ms);
+    asked.set("ontime_measuring 0\n");
+  });
+  EXPECT_THAT(ask(asked, get), HasSubstr("ontime_measuring 0"));
+  caller.join();
+  EXPECT_FALSE(asked.is_wanted());
+}
+
+// Each sends a byte in time for its connection to stay.
+TEST_F(Served, ManyClientsOfOneAddressDoNotKeepOthersOut) {
+  for (int i = 0; i < 64; ++i) {
+    const int socket = connect(INADDR_LOOPBACK + 1);
+    ::send(socket, "G", 1, MSG_NOSIGNAL);
+  }
+  std::atomic<bool> is_over = false;
+  std::thread dripping([&, slow = sockets_] {
+    while (!is_over) {
+      for (const int socket : slow) ::send(socket, "G", 1, MSG_NOSIGNAL);
+      std::this_thread::sleep_for(100ms);
+    }
+  });
+  const int socket = connect();
+  const timeval patience{5, 0};  // the others stay for longer
+  ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  ::send(socket, get, std::strlen(get), MSG_NOSIGNAL);
+  EXPECT_THAT(read_all(socket), HasSubstr("ontime_measuring 1"));
+  is_over = true;
+  dripping.join();
 }
 
 TEST(MetricsAddress, InvalidOrTakenAddressIsRefused) {

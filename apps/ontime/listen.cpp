@@ -150,12 +150,10 @@ class Listening {
         hand_over_at = now + 1s;
         auto seen = wanted(sensor->findings());
         terminal.waits(progress_of(seen));
-        if (metrics) {
-          counters_.add(seen, cost_.listened());
-          metrics->set(counters_.metrics());
-        }
+        if (metrics) counters_.add(seen, cost_.listened());
         if (results) results->write(with_chains(std::move(seen)).flows);
       }
+      if (metrics && metrics->is_wanted()) metrics->set(counters_.metrics());
       if (!goes_on) break;
     }
     terminal.does("ending");

@@ -48,8 +48,9 @@ class Screen {
 
 // A program that fetched metrics before gets the last ones, too. Prometheus fetches once a minute, if not
 // more often.
-void hand_over_last(const watch::Metrics& metrics, const campaign::Interrupts& interrupts) {
+void hand_over_last(watch::Metrics& metrics, const campaign::Interrupts& interrupts) {
   if (interrupts > 0 || !metrics.is_awaited()) return;
+  metrics.end();
   print_error("waiting until the last metrics are fetched, for at most a minute (Ctrl-C: leave)");
   const auto until = std::chrono::steady_clock::now() + 1min;
   while (interrupts == 0 && metrics.is_awaited() && std::chrono::steady_clock::now() < until)

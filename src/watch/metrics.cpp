@@ -23,8 +23,8 @@
 namespace ontime::watch {
 namespace {
 
-constexpr unsigned most_at_once = 64;
-constexpr unsigned patience_s = 2;
+constexpr unsigned most_at_once = 64, most_of_an_address = 8;
+constexpr unsigned most_silent_s = 2;
 constexpr std::size_t longest_request = 8192;  // without a body: GET has none
 
 struct Endpoint {
@@ -56,20 +56,43 @@ Endpoint endpoint_of(const std::string& text) {
 
 class Text {
  public:
-  // The text and its number, from 1. A request before the first text waits for it; 0: it did not come in
-  // time.
+  explicit Text(const Metrics::Times& times) : times_(times) {}
+  // The text and its number, from 1; or 0, and why there is no valid text.
   std::pair<std::string, std::uint64_t> get() {
     std::unique_lock lock(mutex_);
-    is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return number_ > 0; });
-    return {text_, number_};
+    if (number_ == 0 || !is_younger(times_.fresh)) {
+      is_wanted_ = true;
+      is_set_.wait_for(lock, times_.patience, [&] { return !is_wanted_; });
+    }
+    if (number_ == 0) return {"nothing was counted yet\n", 0};
+    if (is_younger(times_.valid)) return {text_, number_};
+    const auto age = std::chrono::floor<std::chrono::seconds>(std::chrono::steady_clock::now() - set_at_);
+    return {fmt::format(
+                "the newest counts are {} s old: ontime hangs, for example at a disk that does not answer\n",
+                age.count()),
+            0};
   }
   void set(std::string text) {
     {
       const std::lock_guard lock(mutex_);
       text_ = std::move(text);
       ++number_;
+      set_at_ = std::chrono::steady_clock::now();
+      is_wanted_ = false;
     }
     is_set_.notify_all();
+  }
+  void end() {
+    {
+      const std::lock_guard lock(mutex_);
+      has_ended_ = true;
+      is_wanted_ = false;
+    }
+    is_set_.notify_all();
+  }
+  bool is_wanted() const {
+    const std::lock_guard lock(mutex_);
+    return is_wanted_;
   }
   void was_sent(std::uint64_t number) {
     const std::lock_guard lock(mutex_);
@@ -81,10 +104,16 @@ class Text {
   }
 
  private:
+  bool is_younger(std::chrono::milliseconds time) const {
+    return has_ended_ || std::chrono::steady_clock::now() - set_at_ <= time;
+  }
+  const Metrics::Times times_;
   mutable std::mutex mutex_;
   std::condition_variable is_set_;
   std::string text_;
   std::uint64_t number_ = 0, sent_ = 0;
+  std::chrono::steady_clock::time_point set_at_;
+  bool is_wanted_ = false, has_ended_ = false;
 };
 
 void completed(void* metrics, MHD_Connection*, void** request, MHD_RequestTerminationCode code) {
@@ -104,7 +133,7 @@ MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target,
   using Answer = std::pair<unsigned, std::string>;
   auto [status, body] = of_text > 0 ? Answer(MHD_HTTP_OK, text)
                         : !may      ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
-                        : is_there  ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, "nothing was counted yet\n")
+                        : is_there  ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, text)
                                     : Answer(MHD_HTTP_NOT_FOUND, "not found. See /metrics\n");
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
@@ -120,12 +149,13 @@ MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target,
 }  // namespace
 
 struct Metrics::Server {
+  explicit Server(const Times& times) : text(times) {}
   std::string host;
   Text text;
   std::unique_ptr<MHD_Daemon, void (*)(MHD_Daemon*)> daemon{nullptr, MHD_stop_daemon};
 };
 
-Metrics::Metrics(const std::string& address) : server_(std::make_unique<Server>()) {
+Metrics::Metrics(const std::string& address, const Times& times) : server_(std::make_unique<Server>(times)) {
   const auto to = endpoint_of(address);
   server_->host = to.host;
   errno = 0;
@@ -133,20 +163,22 @@ Metrics::Metrics(const std::string& address) : server_(std::make_unique<Server>(
       MHD_USE_POLL_INTERNAL_THREAD | (to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG), to.port,
       nullptr, nullptr, answer, &server_->text, MHD_OPTION_SOCK_ADDR, &to.address,
       MHD_OPTION_NOTIFY_COMPLETED, completed, &server_->text, MHD_OPTION_CONNECTION_LIMIT, most_at_once,
-      MHD_OPTION_CONNECTION_TIMEOUT, patience_s, MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request,
-      MHD_OPTION_END));
+      MHD_OPTION_PER_IP_CONNECTION_LIMIT, most_of_an_address, MHD_OPTION_CONNECTION_TIMEOUT, most_silent_s,
+      MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END));
   if (!server_->daemon)
     throw std::runtime_error(fmt::format("cannot listen on {}: {}. Fix: choose another address or port",
                                          address, std::generic_category().message(errno)));
 }
 
-Metrics::~Metrics() = default;
+Metrics::~Metrics() { end(); }  // a request may wait for a text
 
 std::string Metrics::address() const {
   return fmt::format("{}:{}", server_->host,
                      MHD_get_daemon_info(server_->daemon.get(), MHD_DAEMON_INFO_BIND_PORT)->port);
 }
 void Metrics::set(std::string text) { server_->text.set(std::move(text)); }
+void Metrics::end() { server_->text.end(); }
+bool Metrics::is_wanted() const { return server_->text.is_wanted(); }
 bool Metrics::is_awaited() const { return server_->text.is_awaited(); }
 
 }  // namespace ontime::watch

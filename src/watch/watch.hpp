@@ -169,16 +169,24 @@ class TopicCounters {
   std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0;
 };
 
-// Serves the newest text at http://ADDRESS:PORT/metrics, for up to 64 connections of two seconds each. Its
-// own thread answers, so that the caller never waits.
+// Serves the newest text at http://ADDRESS:PORT/metrics, for up to 64 connections, 8 of an address; a silent
+// one ends after two seconds. Its own thread answers, so that the caller never waits.
 class Metrics {
  public:
+  // A text is served at once while it is fresh. Later a request waits for the next one, `patience` at most.
+  // The last text then serves while it is valid: a caller that hangs must not look alive.
+  struct Times {
+    std::chrono::milliseconds fresh{500}, patience{5'000}, valid{10'000};  // patience: Prometheus has 10 s
+  };
   // "127.0.0.1:9464", "[::1]:9464", or a port on loopback. Throws std::invalid_argument for an invalid
   // address, std::runtime_error if it cannot listen there.
-  explicit Metrics(const std::string& address);
+  explicit Metrics(const std::string& address, const Times&);
+  explicit Metrics(const std::string& address) : Metrics(address, Times{}) {}
   ~Metrics();
   std::string address() const;  // with the bound port
   void set(std::string text);
+  void end();              // no text follows: the last one stays valid
+  bool is_wanted() const;  // a request waits for the next text
   // Whether a client was sent a text, but none the newest.
   bool is_awaited() const;
 
