@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <sstream>
+
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 
@@ -220,6 +222,28 @@ TEST_F(Counters, HistogramAddsUpToItsCount) {
   EXPECT_THAT(text, HasSubstr(R"(reader="base",le="0.005"} 100)"));
   EXPECT_THAT(text, HasSubstr(R"(reader="base",le="+Inf"} 100)"));
   EXPECT_EQ(value("ontime_topic_age_seconds_sum"), "0.3");
+}
+
+// histogram_quantile(0.99) of Prometheus: linear between the limits of a bucket.
+TEST_F(Counters, QuantileOfPeriodsAtAUsualRateIsNearItsPeriod) {
+  for (const double ms : {1., 2., 5., 10., 20., 1000. / 30, 50., 100., 200., 1000.}) {
+    counters = TopicCounters();
+    auto one = flow(1);
+    one.period = {};
+    for (int i = 0; i < 1000; ++i)
+      one.period.add(static_cast<std::int64_t>(ms * (i % 2 == 0 ? 1.02e6 : 0.98e6)));
+    look({one});
+    double limit = 0, below = 0, p99 = 0;
+    std::istringstream lines(counters.metrics());
+    for (std::string line; p99 == 0 && std::getline(lines, line);) {
+      if (!line.starts_with("ontime_topic_period_seconds_bucket")) continue;
+      const auto before = limit, count_before = below;
+      limit = std::stod(line.substr(line.find("le=") + 4));
+      below = std::stod(line.substr(line.rfind(' ')));
+      if (below >= 990) p99 = before + (limit - before) * (990 - count_before) / (below - count_before);
+    }
+    EXPECT_NEAR(p99 * 1e3, ms, ms / 4);
+  }
 }
 
 TEST_F(Counters, EachCauseBeginsAtZero) {

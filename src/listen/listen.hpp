@@ -52,7 +52,7 @@ struct Limits {
   bool is_too_old(std::int64_t ns) const;
 };
 
-// 1, 2 and 5 µs … 10 s: usual periods, and the limits of the buckets that watch exports.
+// 1, 2 and 5 µs … 10 s: usual periods, and the limits of most buckets that watch exports.
 inline constexpr auto round_times_ns = [] {
   std::array<std::int64_t, 22> times{1'000, 2'000, 5'000};
   for (std::size_t i = 3; i < times.size(); ++i) times[i] = 10 * times[i - 3];

@@ -53,13 +53,13 @@ void Exposition::begin(std::string_view name, std::string_view type, std::string
   text_ += fmt::format("# HELP {0} {2}\n# TYPE {0} {1}\n", name_, type, help);
 }
 
-void Exposition::add(const std::string& labels, const BucketCounts& counts, double sum_ns) {
+void Exposition::add(const std::string& labels, std::span<const std::int64_t> limits_ns,
+                     std::span<const std::uint64_t> counts, double sum_ns) {
   std::uint64_t below = 0;
-  for (std::size_t i = 0; i < counts.size(); ++i) {
+  for (std::size_t i = 0; i <= limits_ns.size(); ++i) {
     below += counts[i];
-    const auto edge = i + 1 == counts.size()
-                          ? "+Inf"
-                          : fmt::format("{:g}", static_cast<double>(Buckets::upper_ns(i)) / 1e9);
+    const auto edge =
+        i == limits_ns.size() ? "+Inf" : fmt::format("{:g}", static_cast<double>(limits_ns[i]) / 1e9);
     line("_bucket", fmt::format("{}{}le=\"{}\"", labels, labels.empty() ? "" : ",", edge),
          fmt::to_string(below));
   }

@@ -2,7 +2,9 @@
 // Prometheus's text format, version 0.0.4.
 #pragma once
 
+#include <cstdint>
 #include <initializer_list>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -25,8 +27,9 @@ class Exposition {
   void add(const std::string& labels, Number value) {
     line("", labels, fmt::to_string(value));
   }
-  // A histogram in seconds.
-  void add(const std::string& labels, const BucketCounts&, double sum_ns);
+  // A histogram in seconds: the upper limits of its buckets, and a count more than limits.
+  void add(const std::string& labels, std::span<const std::int64_t> limits_ns,
+           std::span<const std::uint64_t> counts, double sum_ns);
   std::string text() && { return std::move(text_); }
 
  private:

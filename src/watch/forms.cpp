@@ -245,7 +245,7 @@ std::string metrics_of(const Progress& newest, const std::deque<Progress>& befor
       });
   text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
   for (const auto& [run, progress] : runs)
-    text.add(run, progress->round_trip.counts(), progress->round_trip.sum_ns());
+    text.add(run, listen::round_times_ns, progress->round_trip.counts(), progress->round_trip.sum_ns());
   return std::move(text).text();
 }
 

@@ -12,6 +12,7 @@
 #include <numeric>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -133,7 +134,7 @@ class TopicCounters {
 
  private:
   struct Spread {
-    BucketCounts counts{};
+    std::array<std::uint64_t, 27> counts{};  // as many as the histogram has buckets; enough for each
     double sum_ns = 0;
     std::uint64_t count() const { return std::accumulate(counts.begin(), counts.end(), std::uint64_t{0}); }
   };
@@ -147,7 +148,7 @@ class TopicCounters {
     std::optional<std::int64_t> silent_total_ns{};  // of all silences; empty: not judged
     std::uint64_t look = 0;                         // number of the last look that saw it
   };
-  static Spread spread_of(const listen::Distribution&);
+  static Spread spread_of(const listen::Distribution&, std::span<const std::int64_t> limits_ns);
   Counts counts_of(const listen::Flow&) const;
   static Counts counts_of(const listen::ChainPath&);
   struct Series {
