@@ -246,6 +246,23 @@ TEST_F(Counters, QuantileOfPeriodsAtAUsualRateIsNearItsPeriod) {
   }
 }
 
+TEST_F(Counters, SeriesWithoutWriterEndsSomeTimeAfterBothAreKnown) {
+  look({flow(100, "")});
+  for (std::uint64_t i = 0; i < TopicCounters::partial_kept; ++i) look({flow(150)});
+  EXPECT_EQ(value("ontime_topic_messages_total", ""), "100") << "its last counts can be fetched";
+  look({flow(150)});
+  EXPECT_EQ(value("ontime_topic_messages_total", ""), "none");
+  for (std::uint64_t i = 0; i <= TopicCounters::partial_kept; ++i) look({});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "50");
+}
+
+TEST_F(Counters, MessagesOfTooManyFlowsAreCounted) {
+  Findings findings;
+  findings.not_counted = 12;
+  counters.add(findings, 1s);
+  EXPECT_THAT(counters.metrics(), HasSubstr("\nontime_not_counted_total 12\n"));
+}
+
 TEST_F(Counters, EachCauseBeginsAtZero) {
   for (const auto* cause : {"cpu", "unknown", "not looked for"})
     EXPECT_THAT(counters.metrics(), HasSubstr(fmt::format("{{cause=\"{}\"}} 0\n", cause)));

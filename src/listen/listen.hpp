@@ -265,6 +265,7 @@ struct Findings {
   std::vector<Chain> chains;                             // as requested
   std::set<std::string> silent;                          // topics that a bag has without messages
   std::uint64_t sensor_lost = 0;                         // events or packets that the sensor dropped
+  std::uint64_t not_counted = 0;                         // messages: too many flows were active
   std::map<std::string, std::uint64_t> misses_left_out;  // by topic: beyond most_misses
   // Flows of ended processes beyond the bound of `flows`, by topic.
   struct Forgotten {

@@ -430,6 +430,7 @@ Findings Messages::findings() const {
   Findings findings;
   findings.forgotten = forgotten_;
   findings.misses_left_out = misses_.left_out();
+  findings.not_counted = left_out_;
   for (const auto& chain : chains_) findings.chains.push_back(chain.findings());
   auto& flows = findings.flows;
   flows.assign(ended_.begin(), ended_.end());

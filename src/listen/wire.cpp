@@ -356,6 +356,7 @@ Findings Wire::findings() const {
   if (never_whole > 0)
     findings.remarks.push_back(fmt::format(
         "writers of which no message was complete: {}. Each message lacked fragments", never_whole));
+  findings.not_counted = left_out_;
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are not counted: there are more than {} writers", left_out_, most_writers));

@@ -75,7 +75,8 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) const {
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age, age_limits_ns) : Spread{},
           .period = spread_of(flow.period, period_limits_ns),
-          .idle_ns = is_awaited ? std::optional(flow.idle_ns) : std::nullopt};
+          .idle_ns = is_awaited ? std::optional(flow.idle_ns) : std::nullopt,
+          .is_partial = flow.writer.name.empty() != flow.reader.name.empty()};
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
@@ -101,6 +102,7 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
     (series.*member).sum_ns += std::max((now.*member).sum_ns - (before.*member).sum_ns, 0.0);
   }
   if (now.idle_ns) series.idle_ns = std::min(series.idle_ns.value_or(*now.idle_ns), *now.idle_ns);
+  series.is_partial = now.is_partial;
   series.look = now.look;
 }
 
@@ -174,6 +176,10 @@ void TopicCounters::add(const listen::Findings& findings, std::chrono::nanosecon
   misses_left_out_ = 0;
   for (const auto& [topic, count] : findings.misses_left_out) misses_left_out_ += count;
   sensor_lost_ = findings.sensor_lost;
+  not_counted_ = findings.not_counted;
+  std::erase_if(topics_.series, [&](const auto& one) {
+    return one.second.is_partial && looks_ - one.second.look > partial_kept;
+  });
   for (auto* const all : {&topics_, &chains_}) {
     make_room(all->flows);
     make_room(all->series);
@@ -239,6 +245,8 @@ std::string TopicCounters::metrics() const {
     text.add(labels({{"cause", cause}}), misses + (cause == not_looked_for ? misses_left_out_ : 0));
   text.begin("sensor_lost_total", "counter", "Events dropped because the sensor's buffer was full.");
   text.add("", sensor_lost_);
+  text.begin("not_counted_total", "counter", "Messages left out: too many flows were active.");
+  text.add("", not_counted_);
   return std::move(text).text();
 }
 

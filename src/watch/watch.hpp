@@ -124,6 +124,9 @@ class TopicCounters {
  public:
   // Limit of series, and of flows remembered from the last look.
   static constexpr std::size_t most_kept = 4096;
+  // A series without the name of its writer or reader ends so many looks after its flow: usually both are
+  // known then, and the flow is in another series.
+  static constexpr std::uint64_t partial_kept = 300;
   // `topics`: stated by the user, who expects messages of them: they have series from the start, and it
   // counts their silence. With a limit for gaps it counts that of every topic.
   explicit TopicCounters(const listen::Limits& = {}, const std::set<std::string>& topics = {});
@@ -146,6 +149,7 @@ class TopicCounters {
     std::optional<std::int64_t> idle_ns{};  // the shortest of its flows; empty: none is left, or not judged
     std::int64_t silent_ns = 0;             // idle_ns if that is a silence
     std::optional<std::int64_t> silent_total_ns{};  // of all silences; empty: not judged
+    bool is_partial = false;                        // only its writer or only its reader is known
     std::uint64_t look = 0;                         // number of the last look that saw it
   };
   static Spread spread_of(const listen::Distribution&, std::span<const std::int64_t> limits_ns);
@@ -167,7 +171,7 @@ class TopicCounters {
   Series topics_, chains_;
   std::map<std::string, std::uint64_t> ended_;   // of chains, by labels
   std::map<std::string, std::uint64_t> misses_;  // by cause
-  std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0;
+  std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0, not_counted_ = 0;
 };
 
 // Serves the newest text at http://ADDRESS:PORT/metrics, for up to 64 connections, 8 of an address; a silent
