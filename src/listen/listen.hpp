@@ -47,7 +47,7 @@ struct Limits {
   bool any() const { return deadline || period || age; }
   std::optional<std::chrono::nanoseconds> longest_gap() const;  // of deadline and period, the stricter
   bool is_gap(std::int64_t ns) const;
-  // Without a message for so long, a topic that somebody watches is silent. With a limit for gaps: beyond it.
+  // So long without a message, a topic is silent: beyond the limit for gaps, or 5 s without one.
   bool is_silence(std::int64_t ns) const;
   bool is_too_old(std::int64_t ns) const;
 };
