@@ -290,7 +290,7 @@ TEST_F(ScenarioFile, InvalidHostsAreRefusedWithTheirPlace) {
   for (const auto* address : {"fd00:9::2", "::1", "'[fd00:9::2]:7900'", "fe80::1%eth0"})
     EXPECT_THAT(error("hosts: {component: {address: " + std::string(address) +
                       "}}\nruns: [{id: a, transport: udp}]\n"),
-                testing::AllOf(HasSubstr(":1:29: address: "), HasSubstr("IPv4")))
+                testing::AllOf(HasSubstr(":1:30: address: "), HasSubstr("IPv4")))
         << address;
   EXPECT_THAT(with("command-prefix: [ip, '']"), HasSubstr("command-prefix: a value is needed"));
   EXPECT_THAT(with("command-prefix: [ip, [netns]]"), HasSubstr("command-prefix: a value is needed"));

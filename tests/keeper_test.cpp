@@ -52,6 +52,7 @@ class Keeper : public testing::Test {
     keeper_.order(order, std::move(body));
     return coordinator_.await(keeper_, answer, 60s);
   }
+  void begin() { ask("begin", "begun", {{"links", json::object()}}); }
   int folders_of_stress() const {
     int folders = 0;
     for (const auto& entry : std::filesystem::directory_iterator(temporary_.path()))
@@ -75,7 +76,7 @@ TEST(Links, ResetCountersAreAnError) {
 
 TEST_F(Keeper, ReportsMachineAndActivity) {
   EXPECT_FALSE(ask("open", "opened").at("machine").at("boot_id").get<std::string>().empty());
-  ask("begin", "begun");
+  begin();
   const auto ended = ask("end", "ended");
   EXPECT_TRUE(ended.at("conditions").contains("cpu_busy"));
   EXPECT_FALSE(ended.at("machine").at("boot_id").get<std::string>().empty());
@@ -98,7 +99,7 @@ TEST_F(Keeper, NamesTheCommandThatItHoldsTheMachineFor) {
 
 TEST_F(Keeper, NamesAnOtherOntimeThatChangedTheMachineDuringTheRun) {
   const auto others = [this](const std::function<void()>& meanwhile) {
-    ask("begin", "begun");
+    begin();
     meanwhile();
     return ask("end", "ended").at("others");
   };
@@ -147,7 +148,7 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   ask("open", "opened");
   ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
   ask("load", "loaded", {{"host", "component"}, {"load", to_json(background::Workers{.cpu = 1})}});
-  ask("begin", "begun");
+  begin();
   const auto hosts = ask("end", "ended").at("hosts");
   for (const auto* host : {"controller", "component"}) EXPECT_EQ(hosts.at(host).at("load_running"), true);
   EXPECT_EQ(folders_of_stress(), 2);
@@ -164,7 +165,7 @@ TEST_F(Keeper, LargestFileOfHddWorkersIsToldAtTheEnd) {
   // On a busy machine the worker needs a while until its first file is whole.
   auto seen = json::object();
   for (int i = 0; i < 300 && seen.value("hdd_file_bytes", json()) != bytes; ++i) {
-    ask("begin", "begun");
+    begin();
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
     seen = ask("end", "ended").at("hosts").at("controller").at("load");
   }
@@ -205,11 +206,11 @@ TEST_F(Keeper, NewIsolationReplacesOneThatWasNotRestored) {
   };
   if (const auto why = isolate("controller", 10); !why.empty()) GTEST_SKIP() << why;
   EXPECT_EQ(isolate("component", 10), "") << "the same of each host of a machine";
-  ask("begin", "begun");
+  begin();
   const auto before = ask("end", "ended").at("hosts");
   EXPECT_EQ(before.at("controller"), before.at("component"));
   EXPECT_EQ(isolate("component", 20), "");
-  ask("begin", "begun");
+  begin();
   const auto hosts = ask("end", "ended").at("hosts");
   EXPECT_FALSE(hosts.contains("controller"));
   const auto& now = hosts.at("component").at("isolation")[0];
@@ -227,7 +228,7 @@ TEST_F(Keeper, GoesOnWithoutAMissingLink) {
                            {"traffic_ports", {5201}},
                            {"by_ip", true}});
   EXPECT_THAT(answer.value("error", ""), HasSubstr("no-such-link"));
-  ask("begin", "begun");
+  begin();
   EXPECT_TRUE(ask("end", "ended").at("links").empty());
 }
 
@@ -295,7 +296,7 @@ TEST_F(Keeper, ReportsTrafficOfBothEnds) {
   stream.bits_per_s = 4'000'000;
   stream.datagram_bytes = 1000;
   ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", stream}});
-  ask("begin", "begun");
+  begin();
   json account;
   const auto flows = [&](const char* host) {
     const auto& rate = account[host]["to_component"]["bit_s"];

@@ -58,8 +58,8 @@ std::string by_another_link(const transport::Config& config, bool served) {
     if (route == config.interface) return "";
     return fmt::format("; the route to {} is by {}, not by {}. Fix: {}{}", peer, route, config.interface,
                        served ? "controller's interface: " : "--interface ", route);
-  } catch (const machine::Error&) {
-    return fmt::format("; this host has no route to {}", peer);
+  } catch (const machine::Error& error) {
+    return fmt::format("; {}", error.what());
   }
 }
 
