@@ -128,6 +128,16 @@ TEST(Ssh, SudoThatAsksForAPasswordIsNamedWithAFix) {
   EXPECT_THAT(between.reason(1, "Shared connection closed"), HasSubstr("NOPASSWD"));
 }
 
+TEST(Ssh, PrefixThatEndsWithTheExitCodeOfSshIsNamed) {
+  const Ssh ssh("c1");
+  const std::vector<std::string> prefix{"ip", "netns", "exec", "robot"};
+  const auto between = ssh.between("ontime", prefix, "ip netns exec robot ontime agent");
+  EXPECT_THAT(between.reason(255, ""),
+              AllOf(HasSubstr("was lost"), HasSubstr("`ip netns exec robot` failed")));
+  EXPECT_THAT(between.reason(255, "client_loop: send disconnect: Broken pipe"), Not(HasSubstr("netns")));
+  EXPECT_EQ(ssh.between("ontime", {}, "ontime agent").reason(255, ""), "the connection to c1 was lost");
+}
+
 // The session that holds the connection was killed, and its folder is gone.
 TEST(Ssh, SessionAfterTheLastOneSaysNothingOfItsFiles) {
   const Ssh ssh("robot");

@@ -170,7 +170,11 @@ orders::Between Ssh::between(const std::string& program, const std::vector<std::
                              const std::string& shown) const {
   const auto reason = [destination = destination_, program, prefix](int code, const auto& said) {
     if (auto why = reason_of_prefix(destination, prefix, code); !why.empty()) return why;
-    return reason_of(destination, program, code, said);
+    auto why = reason_of(destination, program, code, said);
+    // `ip netns exec` ends with ssh's own exit code.
+    if (code == ssh_failed && said.empty() && !prefix.empty())
+      why += fmt::format(", or `{}` failed there; then its own message is above", table::shell_line(prefix));
+    return why;
   };
   return {{}, reason, fmt::format("{} on {}", shown, destination_)};
 }
