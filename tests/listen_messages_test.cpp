@@ -197,6 +197,37 @@ TEST_F(OnePair, PublisherWithoutReaderIsListed) {
   EXPECT_EQ(flow().messages, 2U);
 }
 
+class LatePair : public OnePair {
+ protected:
+  LatePair() : OnePair(Limits{.deadline = 25ms, .period = {}, .age = {}}) {}
+};
+
+TEST_F(LatePair, LateMessageWithoutAReaderIsAMissOfItsPublisher) {
+  for (int i = 0; i < 10; ++i) publish(at(i));
+  publish(at(14));
+  const auto misses = messages.take_misses(at(14));
+  ASSERT_EQ(misses.size(), 1U);
+  const auto& miss = misses.front();
+  EXPECT_EQ(miss.kind, Miss::Kind::gap);
+  EXPECT_EQ(miss.topic, "/cmd_vel");
+  EXPECT_EQ(miss.writer, (Party{1, "controller"}));
+  EXPECT_EQ(miss.reader, Party{});
+  EXPECT_EQ(miss.at_ns, at(14));
+  EXPECT_EQ(miss.value_ns, at(14) - at(9));
+  EXPECT_EQ(miss.flow, flow().id);
+  EXPECT_EQ(miss.course.before_ns, at(9));
+  EXPECT_EQ(miss.course.usual_ns, at(1) - at(0));
+  EXPECT_EQ(flow().late, misses.size());
+}
+
+TEST_F(LatePair, LateMessageWithAReaderIsOneMiss) {
+  for (int i = 0; i < 10; ++i) arrive(at(i));
+  arrive(at(14));  // its writer is not recognized yet
+  get_acquainted();
+  arrive(at(14));
+  for (const auto& miss : messages.take_misses(at(14))) EXPECT_EQ(miss.reader.process, 2U);
+}
+
 TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
   get_acquainted();
   messages.name_topic(2, 0xb, "/scan");

@@ -303,8 +303,8 @@ class Listening {
       if (shown.size() == listen::most_explained) break;
       if (is_explained && !miss.why) continue;
       const auto why = miss.why.value_or(listen::Why{});
-      if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process})
-              .second) {
+      const auto& party = miss.reader.process != 0 ? miss.reader : miss.writer;
+      if (shown.insert({miss.topic, party.process, why.cause, why.thread, why.culprit.process}).second) {
         output_.write(change_of_day(miss.at_ns, day_) + text_of(miss, width_));
         printed.add(miss);
       }

@@ -177,11 +177,11 @@ struct Chain {
 
 // Times of a late message as the probes saw them, by CLOCK_MONOTONIC; 0: not seen.
 struct Course {
-  std::int64_t before_ns = 0;        // the message before it was published
-  std::int64_t since_ns = 0;         // its publish, or the first before it that this reader missed
-  std::int64_t published_ns = 0;     // it was published
-  std::int64_t taken_before_ns = 0;  // the message before it was taken
-  std::int64_t taken_ns = 0;
+  std::int64_t before_ns = 0;             // the message before it was published
+  std::int64_t since_ns = 0;              // its publish, or the first before it that this reader missed
+  std::int64_t published_ns = 0;          // it was published
+  std::int64_t taken_before_ns = 0;       // the message before it was taken
+  std::int64_t taken_ns = 0;              // without a reader: it was published
   std::int32_t publisher = 0, taker = 0;  // threads
   std::int64_t usual_ns = 0;              // the median of what was judged
   std::uint64_t missing = 0;              // published between the message before and this one, not taken

@@ -19,6 +19,11 @@ constexpr std::int64_t long_enough_ns = 1'000'000'000;
 // Ids of chains' paths differ from those of flows, which count from 1.
 constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain = std::uint64_t{1} << 48U;
 
+// The median; 0: of too few to tell.
+std::int64_t usual_of(const Distribution& values) {
+  return values.count() < enough_fits ? 0 : values.quantile_ns(0.5);
+}
+
 }  // namespace
 
 Messages::Messages(const Limits& limits, std::vector<ChainWish> chains) : limits_(limits) {
@@ -121,7 +126,10 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
     return;
   }
   // Messages may be observed before the name.
-  if (const auto found = publishers_.find(key); found != publishers_.end()) found->second.topic = topic;
+  if (const auto found = publishers_.find(key); found != publishers_.end()) {
+    found->second.topic = topic;
+    misses_.name(found->second.id, topic);
+  }
   for (auto& [writer, link] : links_) {
     if (std::get<0>(writer) != process || std::get<1>(writer) != endpoint) continue;
     link.topic = topic;
@@ -195,6 +203,7 @@ void Messages::published(const Observation& seen) {
     } else {
       const bool is_late = verdict == Verdict::late;
       if (is_late) ++publisher.late;
+      if (is_late && !publisher.has_reader && !is_taken(publisher)) miss(publisher, seen);
       add_period(publisher.period, keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
     }
   }
@@ -382,13 +391,40 @@ void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, co
                course_of(kind, link, seen, number), link.id});
 }
 
+// Until its writer is recognized, the reader's flow has the miss.
+bool Messages::is_taken(const Publisher& publisher) const {
+  return std::ranges::any_of(links_, [&](const auto& one) {
+    const auto& link = one.second;
+    return !link.publisher && link.topic == publisher.topic && link.last_ns >= publisher.last_ns;
+  });
+}
+
+void Messages::miss(const Publisher& publisher, const Observation& seen) {
+  const auto thread = static_cast<std::int32_t>(seen.thread);
+  misses_.add({.kind = Miss::Kind::gap,
+               .at_ns = seen.at_ns,
+               .value_ns = seen.at_ns - publisher.last_ns,
+               .topic = publisher.topic,
+               .writer = party(seen.process),
+               .reader = {},
+               .course = {.before_ns = publisher.last_ns,
+                          .since_ns = seen.at_ns,
+                          .published_ns = seen.at_ns,
+                          .taken_before_ns = publisher.last_ns,
+                          .taken_ns = seen.at_ns,
+                          .publisher = thread,
+                          .taker = thread,
+                          .usual_ns = usual_of(publisher.period)},
+               .flow = publisher.id});
+}
+
 Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation& seen,
                            std::optional<std::uint64_t> number) const {
   const auto& usual = kind == Miss::Kind::gap ? link.period : *link.age;
   Course course{.taken_before_ns = link.last_ns,
                 .taken_ns = seen.at_ns,
                 .taker = static_cast<std::int32_t>(seen.thread),
-                .usual_ns = usual.count() < enough_fits ? 0 : usual.quantile_ns(0.5)};
+                .usual_ns = usual_of(usual)};
   if (!number) return course;
   const auto& publisher = publishers_.at(*link.publisher);
   course.publisher = static_cast<std::int32_t>(publisher.threads[*number % remembered]);

@@ -130,6 +130,8 @@ class Messages {
   bool place(Link&, std::uint64_t number, const Observation&, Verdict of_age);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
+  bool is_taken(const Publisher&) const;            // by a reader whose writer is not recognized yet
+  void miss(const Publisher&, const Observation&);  // of a topic without a reader
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
   void retire(std::uint32_t process);
   void retire(std::map<Writer, Link>::iterator);
