@@ -197,6 +197,13 @@ TEST_F(OnePair, PublisherWithoutReaderIsListed) {
   EXPECT_EQ(flow().messages, 2U);
 }
 
+TEST(RosName, TopicsOfRos2ItselfAreKnown) {
+  for (const char* own : {"rt/rosout", "rt/parameter_events", "ros_discovery_info", "DCPSParticipant"})
+    EXPECT_TRUE(is_own_of_ros(ros_name(own))) << own;
+  for (const char* robots : {"rt/cmd_vel", "rt/robot/rosout_agg", "cmd_vel", ""})
+    EXPECT_FALSE(is_own_of_ros(ros_name(robots))) << robots;
+}
+
 class LatePair : public OnePair {
  protected:
   LatePair() : OnePair(Limits{.deadline = 25ms, .period = {}, .age = {}}) {}

@@ -34,6 +34,21 @@ TEST(ListenWords, RateOfMessagesWithoutAPeriodIsUnknown) {
   EXPECT_THAT(text_of(flow, {}), testing::HasSubstr("  0.0 Hz  "));
 }
 
+// A node that starts sends some parameters within a millisecond.
+TEST(ListenWords, BurstOfFewMessagesHasNoRate) {
+  listen::Flow flow;
+  flow.messages = 4;
+  for (int i = 0; i < 3; ++i) flow.period.add(40'000);
+  EXPECT_THAT(way_of(flow),
+              testing::AllOf(testing::EndsWith("  4 messages"), testing::Not(testing::HasSubstr("Hz"))));
+  EXPECT_THAT(text_of(flow, {}),
+              testing::AllOf(testing::HasSubstr("  4 messages\n"), testing::Not(testing::HasSubstr("Hz"))));
+  EXPECT_TRUE(json_of(flow).at("rate_hz").is_null());
+  flow.messages = 5;
+  flow.period.add(1000 * ms_ns);
+  EXPECT_THAT(way_of(flow), testing::EndsWith("  4.0 Hz"));
+}
+
 // A topic at 100 Hz is silent after some 15 ms.
 TEST(ListenWords, ShortSilenceHasItsLengthAndOneMessageIsOne) {
   listen::Flow flow;

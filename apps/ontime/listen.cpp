@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "commands.hpp"
 #include "flags.hpp"
@@ -163,6 +164,7 @@ class Listening {
     auto findings = sensor->findings();
     const bool is_all_seen = add_unseen(findings, topics_, arguments_);
     std::ranges::move(breaks_of(findings), std::back_inserter(findings.remarks));
+    add_not_judged(findings);
     findings = wanted(std::move(findings));
     // Live listening may end by Ctrl-C at any time, also before --for does.
     const bool is_cut_off = interrupts > 0 && (arguments_.is_recording() || !has_listened);
@@ -201,7 +203,20 @@ class Listening {
                        table::many(messages, "message", "messages"), time);
   }
 
-  bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }
+  // A node that starts or logs meanwhile misses no limit.
+  bool is_wanted(const std::string& topic) const {
+    return topics_.contains(topic) ||
+           (topics_.empty() && (!limits_.any() || arguments_.list || !listen::is_own_of_ros(topic)));
+  }
+
+  void add_not_judged(listen::Findings& findings) const {
+    std::set<std::string> topics;
+    for (const auto& flow : findings.flows)
+      if (topics_.empty() && !is_wanted(flow.topic)) topics.insert(topic_of(flow.topic));
+    if (!topics.empty())
+      findings.remarks.push_back(
+          fmt::format("not judged: {}, ROS 2's own. To judge one, name it", fmt::join(topics, ", ")));
+  }
 
   static listen::Findings with_chains(listen::Findings findings) {
     for (const auto& chain : findings.chains)

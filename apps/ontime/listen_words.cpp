@@ -108,16 +108,37 @@ std::string words_of(const listen::Party& party, const char* unknown) {
   return party.name.empty() ? unknown : table::printable(party.name);
 }
 
-bool is_rate_known(const listen::Flow& flow) { return flow.messages < 2 || flow.period.count() > 0; }
+namespace {
+
+// A burst, as when a node starts, tells no rate.
+bool is_rate_known(const listen::Flow& flow) {
+  constexpr std::uint64_t few = 10;
+  constexpr double short_ns = 1e9;
+  return flow.messages < 2 ||
+         (flow.period.count() > 0 && (flow.messages >= few || flow.period.sum_ns() >= short_ns));
+}
+
+std::string ends_of(const listen::Flow& flow) {
+  return fmt::format("{}  {} → {}", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
+                     words_of(flow.reader, "(no reader seen)"));
+}
+
+// "" of a burst.
+std::string rate_of(const listen::Flow& flow) {
+  const auto hz = flow.rate_hz();
+  if (!is_rate_known(flow)) return flow.period.count() > 0 ? "" : "rate unknown";
+  return hz >= 0.95 || hz == 0 ? fmt::format("{:.1f} Hz", hz)
+         : hz >= 1e-4          ? fmt::format("{:.2g} Hz", hz)
+                               : fmt::format("{:.6f} Hz", hz);  // no exponent
+}
+
+std::string count_of(const listen::Flow& flow) { return table::many(flow.messages, "message", "messages"); }
+
+}  // namespace
 
 std::string way_of(const listen::Flow& flow) {
-  const auto hz = flow.rate_hz();
-  return fmt::format("{}  {} → {}  {}", topic_of(flow.topic), words_of(flow.writer, "(writer not seen)"),
-                     words_of(flow.reader, "(no reader seen)"),
-                     !is_rate_known(flow)    ? "rate unknown"
-                     : hz >= 0.95 || hz == 0 ? fmt::format("{:.1f} Hz", hz)
-                     : hz >= 1e-4            ? fmt::format("{:.2g} Hz", hz)
-                                             : fmt::format("{:.6f} Hz", hz));  // no exponent
+  const auto rate = rate_of(flow);
+  return fmt::format("{}  {}", ends_of(flow), rate.empty() ? count_of(flow) : rate);
 }
 
 bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
@@ -163,9 +184,9 @@ std::string silence_of(const listen::Flow& flow) {
 }
 
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
-  auto text =
-      fmt::format("{}  {}\n    period {}\n    {}\n   ", way_of(flow),
-                  table::many(flow.messages, "message", "messages"), spread_of(flow.period), age_of(flow));
+  const auto rate = rate_of(flow);
+  auto text = fmt::format("{}{}{}  {}\n    period {}\n    {}\n   ", ends_of(flow), rate.empty() ? "" : "  ",
+                          rate, count_of(flow), spread_of(flow.period), age_of(flow));
   const auto unknown = is_age_known(flow) ? flow.age_unknown.value_or(0) : 0;
   const auto ahead = flow.stamp_ahead.value_or(0);
   const bool lacks_age = limits.age && (!is_age_known(flow) || flow.age->count() == ahead);

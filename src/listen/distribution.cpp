@@ -142,4 +142,9 @@ std::string ros_name(const std::string& dds_topic) {
   return dds_topic.starts_with("rt/") ? dds_topic.substr(2) : dds_topic;
 }
 
+bool is_own_of_ros(const std::string& topic) {
+  return topic == "ros_discovery_info" || topic == "/rosout" || topic == "/parameter_events" ||
+         topic.starts_with("DCPS") || topic.starts_with("_fastdds_");
+}
+
 }  // namespace ontime::listen

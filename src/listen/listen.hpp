@@ -295,6 +295,9 @@ inline constexpr std::int64_t unread_ns = 300'000'000;
 
 // "/cmd_vel" of the DDS topic "rt/cmd_vel"; any other name as it is.
 std::string ros_name(const std::string& dds_topic);
+// A topic (by ros_name()) of ROS 2 or a DDS itself: its messages come when a node starts, logs or changes a
+// parameter, and have no period.
+bool is_own_of_ros(const std::string& topic);
 
 class Sensor {
  public:
