@@ -111,6 +111,18 @@ TEST_F(Bags, RemarkSaysWhyAMessageWithoutHeaderHasNoAge) {
   EXPECT_THAT(findings.remarks, ElementsAre(HasSubstr("1 message without header.stamp")));
 }
 
+TEST_F(Bags, RemarksAreOfTheTopicsThatWereAskedFor) {
+  const auto path =
+      write("a.mcap", mcap(schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/sim") + channel(2, 1, "/scan") +
+                           message(1, {start}, stamped(0)) + message(2, {start + ms}, stamped(start))));
+  for (const auto& [topic, remarks] : {std::pair{"/scan", 0U}, {"/sim", 1U}}) {
+    const auto bag = open(path, {}, {topic});
+    while (bag->listen_for(0ms)) {
+    }
+    EXPECT_EQ(bag->findings().remarks.size(), remarks) << topic;
+  }
+}
+
 TEST_F(Bags, OddClocksAreRemarkedAndInventNoAge) {
   const auto scan = schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a");
   const auto findings_of = [&](std::int64_t stamp_ns) {

@@ -280,6 +280,7 @@ class Listening {
     if (explainer != nullptr) explainer->explain(misses);
     if (results != nullptr) note(misses, explainer != nullptr, *results);
     counters_.add(misses);
+    std::ranges::stable_sort(misses, {}, &listen::Miss::at_ns);
     if (!as_json_) return print_unless_failed(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
@@ -317,7 +318,9 @@ class Listening {
     for (const auto& miss : misses) {
       if (shown.size() == listen::most_explained) break;
       if (is_explained && !miss.why) continue;
-      const auto why = miss.why.value_or(listen::Why{});
+      // A gap is another matter than an age.
+      const auto why =
+          miss.why.value_or(listen::Why{.cause = miss.kind == listen::Miss::Kind::gap ? "gap" : ""});
       const auto& party = miss.reader.process != 0 ? miss.reader : miss.writer;
       if (shown.insert({miss.topic, party.process, why.cause, why.thread, why.culprit.process}).second) {
         output_.write(change_of_day(miss.at_ns, day_) + text_of(miss, width_));

@@ -53,7 +53,7 @@ std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, cons
                                           const std::vector<listen::ChainWish>& chains,
                                           const std::set<std::string>& topics) {
   if (arguments.reader) return reader_of(topics, limits);
-  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits, topics);
   if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
   if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
   return sensor_in_processes(limits, chains);

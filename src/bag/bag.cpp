@@ -14,7 +14,8 @@ constexpr std::size_t most_messages = listen::most_misses / 2;
 
 class Bag final : public listen::Sensor {
  public:
-  Bag(Files files, const listen::Limits& limits) : files_(std::move(files)), judge_(limits) {
+  Bag(Files files, const listen::Limits& limits, std::set<std::string> topics)
+      : files_(std::move(files)), judge_(limits, std::move(topics)) {
     reader_ = reader_of(files_.paths.front());
   }
 
@@ -66,8 +67,9 @@ class Bag final : public listen::Sensor {
 
 }  // namespace
 
-std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits& limits) {
-  return std::make_unique<Bag>(files_of(path), limits);
+std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits& limits,
+                                     std::set<std::string> topics) {
+  return std::make_unique<Bag>(files_of(path), limits, std::move(topics));
 }
 
 }  // namespace ontime::bag

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <set>
 #include <string>
 
 #include "listen/listen.hpp"
@@ -12,6 +13,8 @@ namespace ontime::bag {
 
 // Reads the bag to its end. A truncated bag is judged up to its end, with a remark. open() and listen_for()
 // throw listen::WrongInput if the file is not a bag or is damaged; the message names the file and the place.
-std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits&);
+// Remarks on odd messages are on those of `topics`; empty: of all.
+std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits&,
+                                     std::set<std::string> topics = {});
 
 }  // namespace ontime::bag

@@ -151,6 +151,11 @@ void Judge::end_file() {
   }
 }
 
+void Judge::note(Oddity& oddity, const std::string& topic) const {
+  if (!topics_.empty() && !topics_.contains(topic)) return;
+  if (oddity.messages++ == 0) oddity.topic = topic;
+}
+
 bool Judge::Back::is_often() {
   constexpr std::uint64_t near = 8;
   times = since < near ? times + 1 : 1;
@@ -217,7 +222,7 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     ++stream.back.since;
   }
   if (is_mixed) {
-    mixed_.add(message.topic->name);
+    note(mixed_, message.topic->name);
     stream.is_mixed = true;
     stream.reordered = 0;
     sequence = {};
@@ -247,7 +252,7 @@ void Judge::judge_period(Stream& stream, const Message& message, bool was_old) {
   if (stream.messages > 0 && stream.times_set != times_set_) {
     judge_all(stream);
     stream.judged_ns.reset();
-    was_set_.add(message.topic->name);
+    note(was_set_, message.topic->name);
   }
   if (const auto latest_ns = stream.latest_ns(); latest_ns && one.at_ns < *latest_ns) {
     insert(stream.behind, one);
@@ -306,7 +311,7 @@ void Judge::judge_behind(Stream& stream) {
   if (why == Behind::clock) {
     judge_all(stream);
     stream.judged_ns.reset();
-    was_set_.add(name);
+    note(was_set_, name);
     waiting = behind;
     return;
   }
@@ -314,7 +319,7 @@ void Judge::judge_behind(Stream& stream) {
     // Numbers and times of writing tell the order better.
     if (!stream.sequence.has_begun() && stream.latest_written_ns == 0) ++stream.reordered;
     if (why == Behind::unknown || one.at_ns < stream.judged_ns) {  // no period, and it ends none
-      was_set_.add(name);
+      note(was_set_, name);
       stream.late += one.was_old ? 1 : 0;
     } else {
       insert(waiting, one);
@@ -371,7 +376,7 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   const auto& name = message.topic->name;
   const auto written_ns = written_of(message);
   if (written_ns == 0) {
-    (message.stamp_ns ? unset_ : timeless_).add(name);
+    note(message.stamp_ns ? unset_ : timeless_, name);
     return {};
   }
   stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
@@ -382,11 +387,11 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   stream.latest_written_ns = std::max(stream.latest_written_ns, written_ns);
   const auto age = message.recorded_ns - written_ns;
   if (std::abs(age) > one_year_ns) {
-    foreign_clock_.add(name);
+    note(foreign_clock_, name);
     return {};
   }
   if (age < 0) {
-    ahead_.add(name);
+    note(ahead_, name);
     ++*stream.stamp_ahead;
   }
   return age;

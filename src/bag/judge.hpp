@@ -6,6 +6,7 @@
 #include <deque>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -23,7 +24,8 @@ class Judge {
   static constexpr std::size_t most_flows = 1024;
   static constexpr std::int64_t rows_begin_ns = 1'000'000'000;  // the first message, by the rows' clock
 
-  explicit Judge(const listen::Limits& limits) : limits_(limits) {}
+  explicit Judge(const listen::Limits& limits, std::set<std::string> topics = {})
+      : limits_(limits), topics_(std::move(topics)) {}
   void add(const Message&);
   void end_file();  // of the bag
   listen::Findings findings() const;
@@ -73,10 +75,8 @@ class Judge {
   struct Oddity {
     std::uint64_t messages = 0;
     std::string topic;  // of the first of them
-    void add(const std::string& name) {
-      if (messages++ == 0) topic = name;
-    }
   };
+  void note(Oddity&, const std::string& topic) const;
   // The time of recording, without the steps of the recorder's clock.
   std::int64_t at_ns(const Message& message) const { return message.recorded_ns - origin_ns_; }
   Stream* stream_of(const Topic&);
@@ -116,6 +116,7 @@ class Judge {
   };
 
   const listen::Limits limits_;
+  const std::set<std::string> topics_;  // with remarks; empty: all
   File file_;
   std::map<Key, Stream> streams_;
   listen::Misses misses_;

@@ -110,7 +110,12 @@ class Import(results.Results):
         rest = re.search(r"… and (\d+) more late messages? until", text)
         self.assertRegex(text, r"\b5 of 5\b", text)  # late in all: each has an age of 2 ms
         printed = len(re.findall(r"(?m)^\S* ?\d\d:\d\d:\d\d\.\d+ ", text))
-        self.assertEqual((printed, int(rest[1])), (1, 4), text)
+        self.assertEqual((printed, int(rest[1])), (2, 3), text)  # the first age, and the gap
+
+    def test_late_messages_are_in_the_order_of_time_and_an_age_hides_no_gap(self):
+        text = self.ontime("import", self.bag([10, 10, 30, 10, 10], unset=range(4)), "--deadline", "20ms", "--age", "1ms", code=1).stdout
+        late = re.findall(r"(?m)^\S* ?\d\d:\d\d:\d\d\.(\d+)  .* ms (old|after)", text)
+        self.assertEqual(late, [("050", "after"), ("060", "old")], text)
 
     def test_messages_of_the_same_time_are_several_late_messages(self):
         text = self.ontime("import", self.bag([0] * 9), "--age", "1ms", code=1).stdout
