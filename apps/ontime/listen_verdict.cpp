@@ -55,6 +55,11 @@ bool add_unseen(listen::Findings& findings, const std::set<std::string>& topics,
     findings.remarks.emplace_back(
         "ontime watches the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS. For "
         "other programs: --packets any");
+  if (!is_all_seen && arguments.is_in_processes())
+    findings.remarks.emplace_back(
+        "probes and packets do not show what nodes pass to each other within one process (ROS 2's "
+        "intra-process "
+        "communication). To see it: --reader");
   return is_all_seen;
 }
 
