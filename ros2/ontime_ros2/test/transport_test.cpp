@@ -264,6 +264,12 @@ TEST(Losses, OnlyFastDdsReportsLossesOnTheWay) {
 TEST(IntraProcess, CarriesBetweenTwoEndsOfOneProcess) {
   EXPECT_EQ(in_own_process([] {
               two_ends::Echo echo;
+// `ontime ping` and pong are two processes: the RMW would carry everything.
+TEST(IntraProcess, IsRefusedWithoutTheOtherEndInThisProcess) {
+  EXPECT_THAT(error_of(config_of(Role::client, {{"rmw", "rmw_cyclonedds_cpp"}, {"intra-process", "on"}})),
+              AllOf(StartsWith("wrong input: "), HasSubstr("two processes")));
+}
+
               Answers answers;
               const Options options{{"rmw", "rmw_cyclonedds_cpp"}, {"intra-process", "on"}};
               const auto server = two_ends::plugin().open(config_of(Role::server, options), echo);

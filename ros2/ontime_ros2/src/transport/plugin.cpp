@@ -3,6 +3,7 @@
 // is loaded with another RMW than it was told to expect: so that is settled first (rmw.hpp), and only then
 // comes the part that has rclcpp in it.
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <future>
@@ -66,6 +67,17 @@ auto loaded_unprivileged(const Load& load) {
   }
 }
 
+// Between two processes the RMW carries every message, which would be measured in silence.
+void check_other_end_is_here(const Config& config, const Options& options) {
+  static std::atomic<bool> has_server{false};
+  if (!options.intra_process) return;
+  if (config.role == Role::server) has_server = true;
+  if (!has_server)
+    throw WrongInput(
+        "ros2: intra-process carries messages only within a process, and ontime's client and server are two "
+        "processes. Fix: omit intra-process");
+}
+
 std::string version() { return "rclcpp " RCLCPP_VERSION_STR; }
 
 std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
@@ -73,6 +85,7 @@ std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
   dds::check(config, "ros2");
   Options options = options_of(config);
   if (config.background) options = options_beside(options);
+  check_other_end_is_here(config, options);
   OpenFunction* const open_rclcpp = loaded_unprivileged([&options] {
     options.rmw = load_rmw(options.rmw);
     return rclcpp_part();
