@@ -51,10 +51,10 @@ void add_ping(Command& app) {
     const int code = arguments->loopback
                          ? campaign::execute(on_loopback, writer, terminal, interrupts, command_line())
                          : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
-    // Also shows what a failed run measured. Without a pong there is no run. Of an invalid input all is
-    // said.
+    // Also shows what a failed run measured. Without a pong there is no run. Where nothing was sent,
+    // the error has said all.
     const auto measured = statistics::summarise(writer.reader(), known);
-    const bool is_said = code == 2 && is_for_people(format) &&
+    const bool is_said = (code == 2 || code == 3) && is_for_people(format) &&
                          std::ranges::all_of(measured, [](const auto& one) { return one.sent == 0; });
     if (!measured.empty() && !is_said)
       print(shown(measured, format, arguments->full, {.file = arguments->results, .is_own = true}));

@@ -123,6 +123,9 @@ TEST(Options, MissingRmwIsAnErrorOfTheMachineNotOfTheInput) {
   EXPECT_THAT(error({{"rmw", "rmw_smoke_signals_cpp"}}),
               AllOf(Not(is_wrong), HasSubstr("rmw_smoke_signals_cpp' is not installed"),
                     HasSubstr("rmw_cyclonedds_cpp"), HasSubstr("rmw-smoke-signals-cpp")));
+  for (const char* part : {"cyclonedds", "rmw_cyclonedds"})
+    EXPECT_THAT(error({{"rmw", part}}), AllOf(Not(is_wrong), HasSubstr("did you mean rmw_cyclonedds_cpp?"),
+                                              Not(HasSubstr("install the package"))));
   EXPECT_THAT(error({{"loaned", "on"}}), AllOf(Not(is_wrong), HasSubstr("upper bound")));
 }
 
@@ -261,15 +264,15 @@ TEST(Losses, OnlyFastDdsReportsLossesOnTheWay) {
   }
 }
 
-TEST(IntraProcess, CarriesBetweenTwoEndsOfOneProcess) {
-  EXPECT_EQ(in_own_process([] {
-              two_ends::Echo echo;
 // `ontime ping` and pong are two processes: the RMW would carry everything.
 TEST(IntraProcess, IsRefusedWithoutTheOtherEndInThisProcess) {
   EXPECT_THAT(error_of(config_of(Role::client, {{"rmw", "rmw_cyclonedds_cpp"}, {"intra-process", "on"}})),
               AllOf(StartsWith("wrong input: "), HasSubstr("two processes")));
 }
 
+TEST(IntraProcess, CarriesBetweenTwoEndsOfOneProcess) {
+  EXPECT_EQ(in_own_process([] {
+              two_ends::Echo echo;
               Answers answers;
               const Options options{{"rmw", "rmw_cyclonedds_cpp"}, {"intra-process", "on"}};
               const auto server = two_ends::plugin().open(config_of(Role::server, options), echo);

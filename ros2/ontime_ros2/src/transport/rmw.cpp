@@ -48,7 +48,13 @@ void check_installed(const std::string& rmw) {
         "the workspace with ontime_ros2");
   if (rmw.empty() || installed.contains(rmw)) return;
   std::string text = "ros2: the RMW '" + rmw + "' is not installed; available:";
-  for (const auto& name : installed) text += " " + name;
+  std::string meant;
+  for (const auto& name : installed) {
+    text += " " + name;
+    if (name.find(rmw) != std::string::npos) meant += (meant.empty() ? "" : " or ") + name;
+  }
+  if (!meant.empty()) throw Error(text + " (did you mean " + meant + "?)");
+  if (!rmw.starts_with("rmw_")) throw Error(text + ". Fix: state one of these");
   throw Error(text + ". Fix: install the package " + debian_package(rmw));
 }
 
