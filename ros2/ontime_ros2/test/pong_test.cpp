@@ -188,6 +188,7 @@ TEST(PongsParameters, InvalidParameterEndsPong) {
   for (const auto& [parameter, said] :
        {Case{"priority:=120", "is not a priority: 1 to 99"}, Case{"priority:=high", "of type {integer}"},
         Case{"depth:=0", "depth: 0 is less than 1"},
+        Case{"priorty:=50", "'priorty'; known: background_priority"},
         Case{"reliability:=perhaps", "'perhaps' is not one of reliable, best-effort"}}) {
     auto ends = pong("rmw_cyclonedds_cpp", {"-p", parameter});
     EXPECT_EQ(ends.exit_code(), 2) << parameter;

@@ -3,6 +3,7 @@
 #include <exception>
 #include <memory>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "pong.hpp"
@@ -11,12 +12,23 @@
 
 namespace {
 
+// ROS 2 ignores a parameter that no node declares: a misspelt one would change nothing.
+void refuse_unknown_parameters(rclcpp::Node& node) {
+  for (const auto& [name, value] : node.get_node_parameters_interface()->get_parameter_overrides()) {
+    if (node.has_parameter(name)) continue;
+    std::string known;
+    for (const auto& one : node.list_parameters({}, 1).names) known += (known.empty() ? "" : ", ") + one;
+    throw std::invalid_argument("unknown parameter '" + name + "'; known: " + known);
+  }
+}
+
 std::shared_ptr<ontime_ros2::Pong> new_pong() {
   const auto before = ontime::transport::dds::tasks();
   auto node = std::make_shared<ontime_ros2::Pong>(rclcpp::NodeOptions());
   std::vector<pid_t> started;
   for (const auto& task : ontime::transport::dds::started_since(before)) started.push_back(task.tid);
   ontime_ros2::make_realtime(*node, started);
+  refuse_unknown_parameters(*node);
   return node;
 }
 
