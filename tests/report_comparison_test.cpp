@@ -44,6 +44,16 @@ TEST(Compare, ConditionThatKeepsRunsApartIsNamed) {
   EXPECT_THAT(text, Not(HasSubstr("payload"))) << "the nearest alone";
 }
 
+TEST(Compare, RunsOfOneSideWithTheSameNameAreToldApart) {
+  std::vector a{run("x", "k1", 1), run("x", "k2", 1)}, b{run("x", "k3", 1), run("z", "k4", 1)};
+  amend(a[0].run.asked, {{"options", {{"executor", "single"}, {"rmw", "a"}}}});
+  amend(a[1].run.asked, {{"options", {{"executor", "multi"}, {"rmw", "a"}}}});
+  amend(b[0].run.asked, {{"options", {{"executor", "multi"}, {"rmw", "b"}}}});
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("Only in A: x udp executor single (1 run); x udp executor multi (1 run)"));
+  EXPECT_THAT(text, HasSubstr("Only in B: x udp (1 run); z udp (1 run)"));
+}
+
 TEST(Compare, WithoutAPairTheAnswerStandsBeforeTheLists) {
   std::vector a{run("x", "k1", 1)}, b{run("y", "k2", 1, 2)};
   amend(b[0].run.asked, {{"deadline_us", 5000}});

@@ -65,7 +65,8 @@ bool is_same_file(const CompareArguments& arguments) {
   return arguments.b.empty() || std::filesystem::equivalent(arguments.a, arguments.b, ignored);
 }
 
-// No run has a value of this key: it may be misspelt. Transports name their options themselves.
+// No run has a value of this key: it may be misspelt. Transports name their options themselves, and
+// "executor" may mean options.executor.
 void refuse_unknown(const std::string& key, const Summaries& runs) {
   if (key.starts_with("options.")) return;
   std::vector<std::string> paths;
@@ -79,7 +80,13 @@ void refuse_unknown(const std::string& key, const Summaries& runs) {
   if (groups.contains(key)) throw wrong("--by: no run has {}. See: ontime report", key);
   for (const auto& group : groups)  // each once: a file may have very many values
     if (report::values_of(runs, group).size() > 1) differ.insert(group);
-  auto meant = spelling::suggestion(key, paths);
+  std::string meant;
+  for (const auto& run : runs)
+    for (const auto& [name, value] : run.run.asked.task.config.options) {
+      paths.push_back("options." + name);
+      if (name == key) meant = fmt::format(" (did you mean '{}'?)", paths.back());
+    }
+  if (meant.empty()) meant = spelling::suggestion(key, paths);
   if (meant.empty() && !differ.empty())
     meant = fmt::format("; these differ between the runs: {}", fmt::join(differ, ", "));
   throw wrong("--by: unknown key '{}'{}", key, meant);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <span>
 
 #include <fmt/format.h>
@@ -286,10 +287,10 @@ std::string name_of(const Runs& runs) {
 }
 
 std::string list_of(const std::vector<Runs>& groups) {
-  const auto text = [](const Runs& runs) {
-    return fmt::format("{} ({})", name_of(runs), many(runs.size(), "run", "runs"));
-  };
-  return join(texts_of(groups, text), "; ");
+  auto names = names_apart(groups);
+  for (std::size_t i = 0; i < names.size(); ++i)
+    names[i] += fmt::format(" ({})", many(groups[i].size(), "run", "runs"));
+  return join(names, "; ");
 }
 
 // --- for programs ---
@@ -394,6 +395,25 @@ std::string nearest(const Comparison& comparison) {
 }
 
 }  // namespace
+
+std::vector<std::string> names_apart(const std::vector<Runs>& groups) {
+  auto names = texts_of(groups, [](const Runs& runs) { return name_of(runs); });
+  std::map<std::string, std::vector<std::size_t>> alike;
+  for (std::size_t i = 0; i < names.size(); ++i) alike[names[i]].push_back(i);
+  for (const auto& [name, places] : alike) {
+    if (places.size() == 1) continue;
+    Group group;
+    for (const auto place : places) group.push_back(groups[place].front());
+    const auto labels = labels_without_repetition(group);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      const auto& asked = group[i]->run.asked;  // a label begins with the transport
+      const auto rest =
+          asked.is_listened() ? 0 : std::min(labels[i].size(), word(asked.task.transport).size() + 1);
+      if (rest < labels[i].size()) names[places[i]] += " " + labels[i].substr(rest);
+    }
+  }
+  return names;
+}
 
 bool is_requested(const Difference& difference) {
   return difference.host.empty() && difference.what != "ontime";

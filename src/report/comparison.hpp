@@ -94,6 +94,9 @@ std::vector<Difference> other_differences(const Comparison&, const Comparison::P
 std::vector<Difference> by_importance(const std::vector<Difference>&);
 bool is_requested(const Difference&);
 
+// Of runs of the same name, also what differs between them.
+std::vector<std::string> names_apart(const std::vector<Comparison::Runs>&);
+
 // What differs between repetitions, which share a row, though their numbers depend on it: "2 kernels: 5.10
 // and 6.1".
 std::vector<std::string> mixed(const Comparison::Runs&);

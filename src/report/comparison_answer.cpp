@@ -367,8 +367,8 @@ std::string render_answer(Comparison comparison, const std::vector<gate::Judgeme
   add_list("Also different: ", differences_text(comparison));
   std::vector<std::string> alone;
   for (const auto* side : {&comparison.only_from, &comparison.only_to})
-    for (const auto& runs : *side)
-      alone.push_back(fmt::format("{} of {}", gate::name_of(runs),
+    for (const auto& name : names_apart(*side))
+      alone.push_back(fmt::format("{} of {}", name,
                                   side == &comparison.only_from ? comparison.from_name : comparison.to_name));
   add_list("Only on one side: ", join(alone, ", "));
   const auto cautions = cautions_of(comparison, names, 2 * width - 24);
