@@ -242,6 +242,12 @@ TEST(Answer, NextCommandOfAForeignFileHasNoFileHostOrInterfaceOfIt) {
       late_of(evil, foreign),
       "ontime ping --peer HOST --option NAME=VALUE --period 1ms --loopback --explain --results why.ontime");
   EXPECT_THAT(answer_of({one}, foreign).next.front().fill_in, ElementsAre("HOST", "NAME=VALUE"));
+  EXPECT_EQ(
+      late_of({"ontime", "ping", "--interface", "lo", "--option", "rmw=rmw_fastrtps_cpp", "--option",
+               "executor=multi", "--option", "config=evil", "--option", "port=/dev/x"},
+              foreign),
+      "ontime ping --interface lo --option rmw=rmw_fastrtps_cpp --option executor=multi --option NAME=VALUE "
+      "--option NAME=VALUE --explain --results why.ontime");
   EXPECT_THAT(late_of(evil, kept), HasSubstr("--peer evil worse --option config=/tmp/evil.xml --period 1ms "
                                              "--interface eth7 --log=/etc/passwd more"));
   amend(one.run.asked, "/command_line",

@@ -37,6 +37,8 @@ constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live",
 constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
 // Those that name files or interfaces.
 constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
+// The same, and ports, of transports.
+constexpr std::string_view own_options[] = {"config", "profiles", "port", "queue"};
 
 // Whether the word after this one is its value.
 bool takes_value(const std::string& option) {
@@ -104,6 +106,16 @@ bool is_harmless(const std::string& option) {
          std::ranges::any_of(conditions::fields(), [&](const auto& field) { return field.flag == option; });
 }
 
+// Of a transport's options: "executor=single", which opens no file.
+bool is_plain(const std::string& option) {
+  const auto end = option.find('=');
+  const auto is_word = [](std::string_view text) {
+    return !text.empty() && text.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_-") == text.npos;
+  };
+  return end != option.npos && is_word(option.substr(0, end)) && is_word(option.substr(end + 1)) &&
+         !is_one_of(option.substr(0, end), own_options);
+}
+
 // The words of ping or listen again, without where it writes. Of a stranger's file only what is harmless.
 std::vector<std::string> again_alone(const std::vector<std::string>& words, Options without, bool is_own) {
   const bool listens = words[1] == "listen";
@@ -114,7 +126,8 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
   std::vector<std::string> kept = {"ontime", words[1]};
   // So many words, the values of an option that is dropped. ping has no words but values.
   std::size_t skipped = listens ? 0 : words.size();
-  for (const auto& word : std::span(words).subspan(2)) {
+  for (std::size_t i = 2; i < words.size(); ++i) {
+    const auto& word = words[i];
     if (!word.starts_with('-')) {
       if (skipped == 0) kept.push_back(word);
       skipped -= skipped > 0 ? 1 : 0;
@@ -122,7 +135,9 @@ std::vector<std::string> again_alone(const std::vector<std::string>& words, Opti
     }
     const auto option = name_of_option(word);
     skipped = 0;
-    if (is_kept(option)) {
+    const auto value = i + 1 < words.size() ? words[i + 1] : "";
+    const bool is_safe = (word == "--option" && is_plain(value)) || (word == "--interface" && value == "lo");
+    if (is_safe || is_kept(option)) {
       kept.push_back(word);
       continue;
     }
