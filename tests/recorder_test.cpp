@@ -150,6 +150,21 @@ TEST_F(Recorder, RecordingIsWrittenBeforeMoreOfItIsRead) {
   EXPECT_EQ(statistics::summarise(record::Reader(path_)).at(0).sent, 100u);
 }
 
+TEST_F(Recorder, FlowsOfTheSameNamesHaveTheNumbersOfTheirProcesses) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true);
+  auto unknown = flow(2, 3);
+  unknown.writer = {};  // its writer is not recognized yet
+  for (std::uint64_t id : {1U, 2U}) period(results, id, 50 * ms);
+  results.write({flow(1), unknown});
+  listen::Findings findings;
+  findings.flows = {flow(1), flow(2, 3)};
+  results.end(findings, false);
+  std::vector<std::string> names;
+  for (const auto& run : record::Reader(path_).runs()) names.push_back(run.asked.variant);
+  EXPECT_THAT(names, testing::UnorderedElementsAre("controller [1] → base [2]", "controller [1] → base [3]"));
+}
+
 TEST_F(Recorder, PausesAreToldOfEachRun) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);

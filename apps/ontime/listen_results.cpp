@@ -38,6 +38,23 @@ std::string name_of(const listen::Flow& flow, bool with_processes) {
   return name + " → " + name_of(flow.reader, "(no reader seen)", with_processes);
 }
 
+enum class Twin { none, possible, certain };
+
+// Whether another flow has the same names. An end that is not known yet may have any.
+Twin twin_of(const listen::Flow& flow, const std::vector<listen::Flow>& all) {
+  const auto fit = [](const listen::Party& one, const listen::Party& other) {
+    return one.name.empty() || other.name.empty() || one.name == other.name;
+  };
+  auto twin = Twin::none;
+  for (const auto& other : all) {
+    if (other.id == flow.id || other.topic != flow.topic || other.has_ended) continue;
+    if (name_of(other, false) == name_of(flow, false)) return Twin::certain;
+    if (other.between.empty() && fit(flow.writer, other.writer) && fit(flow.reader, other.reader))
+      twin = Twin::possible;
+  }
+  return twin;
+}
+
 bool has_both_ends(const listen::Flow& flow) {
   return !flow.topic.empty() && flow.writer != listen::Party{} && flow.reader != listen::Party{};
 }
@@ -102,12 +119,13 @@ void ListenResults::keep(const Row& row) {
   add(kept_[{row.flow, row.quantity}], sample, row.was_lost);
 }
 
-void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity quantity) {
+void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity quantity, bool has_twin) {
   const auto topic = flow.topic.empty() ? "(unknown topic)" : table::printable(flow.topic);
   const auto beside = asked_.value("id", "");
   const auto id = fmt::format("{}{}{} {}", beside, beside.empty() ? "" : " ", topic, word_of(quantity));
   const auto varied = asked_.value("variant", "");
-  auto variant = name_of(flow, false);
+  // Not only of the second: another recording may see it first.
+  auto variant = name_of(flow, has_twin);
   // Processes may share a name, and a process may have several readers.
   const auto name = [&] { return fmt::format("{}\n{}", id, variant); };
   for (int number = 1; !names_.insert(name()).second; ++number)
@@ -163,8 +181,9 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     if (kept.samples.empty() && kept.latest.empty()) continue;
     if (kept.run == 0) {
       const bool is_old = is_end || now - kept.since > named_after;
-      if (flow != nullptr && (is_old || has_both_ends(*flow)))
-        begin(kept, *flow, key.second);
+      const auto twin = flow != nullptr ? twin_of(*flow, wanted) : Twin::none;
+      if (flow != nullptr && (is_old || (has_both_ends(*flow) && twin != Twin::possible)))
+        begin(kept, *flow, key.second, twin == Twin::certain);
       else if (is_old)
         kept_.erase(one);
       if (flow == nullptr || kept.run == 0) continue;

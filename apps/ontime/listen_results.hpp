@@ -86,7 +86,7 @@ class ListenResults {
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
   template <class Do>
   void until_it_fails(const Do&);
-  void begin(Kept&, const listen::Flow&, listen::Row::Quantity);
+  void begin(Kept&, const listen::Flow&, listen::Row::Quantity, bool has_twin);
   void forget_known();
 
   record::Writer& writer_;
