@@ -20,6 +20,7 @@ using State = Progress::State;
 json recorded() {
   return {{"sent", 3600},
           {"late", 9},
+          {"counted_until_s", 1'796'000'000},
           {"loss_unknown", true},
           {"histogram",
            {{"values", {{10'000'000, 3591}, {28'000'000, 8}, {108'000'000, 1}}},
@@ -56,7 +57,8 @@ TEST_F(Following, FlightRecordersFileShowsWhatItCountedAndItsWorst) {
   EXPECT_TRUE(object.at("worst")[0].at("at_s").is_null());
   EXPECT_EQ(object.at("dropped_records"), 0);
   kill(child);
-  EXPECT_THAT(text_of(follower.look()), StartsWith("run 1  /cmd_vel period  0:36  (ended)\n"));
+  EXPECT_THAT(text_of(follower.look()),
+              StartsWith("run 1  /cmd_vel period  0:36  (cut off: no process writes into the file)\n"));
 }
 
 TEST_F(Following, FlightRecordersAgesDoNotTellHowLongTheyTook) {

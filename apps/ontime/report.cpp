@@ -19,15 +19,21 @@
 namespace ontime::app {
 namespace {
 
-// Origin::running_from. Runs that a killed process left have another command line, or are measured again.
+// Origin::running_from. Runs that a killed process left have another command line, or are measured again, or
+// name their recorder. A recorder ends the runs of nodes that have gone.
 std::optional<std::int64_t> running_from(const record::Reader& reader, bool is_being_written) {
   if (!is_being_written) return {};
   const auto runs = reader.runs();
   std::int64_t from = runs.empty() ? 1 : runs.back().number + 1;
-  for (auto run = runs.rbegin(); run != runs.rend() && !run->outcome.has_ended() &&
-                                 run->asked.command_line == runs.back().asked.command_line;
-       ++run)
+  std::optional<std::int64_t> recorder;
+  for (auto run = runs.rbegin();
+       run != runs.rend() && run->asked.command_line == runs.back().asked.command_line; ++run) {
+    if (run->outcome.has_ended() && run->asked.keeps_worst()) continue;
+    if (run->outcome.has_ended()) break;
+    if (!recorder) recorder = run->outcome.recorder_began_s;
+    if (run->outcome.recorder_began_s && run->outcome.recorder_began_s != recorder) break;
     from = run->number;
+  }
   return from;
 }
 

@@ -368,7 +368,10 @@ struct Outcome {
 
   nlohmann::json document;            // as it was recorded; null: the run was cut off
   std::optional<std::string> misfit;  // "hosts.component.drops.udp_send"; empty: the whole outcome
-  bool has_ended() const { return !document.is_null(); }
+  // Preliminary, of a robot's own messages: the counts until then, by the recorder that began then. Unix
+  // time.
+  std::optional<std::int64_t> counted_until_s, recorder_began_s;
+  bool has_ended() const { return !document.is_null() && !counted_until_s; }
   std::optional<std::string> error;
   bool interrupted = false;
   bool loss_unknown = false;                 // of a robot's own messages: nothing tells what was lost
@@ -397,7 +400,8 @@ struct Outcome {
                  of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting,
                  "hosts", of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours",
                  of.background, "link_unproved", of.link_unproved, "trace", of.trace, "histogram",
-                 of.histogram, "causes", of.causes);
+                 of.histogram, "causes", of.causes, "counted_until_s", of.counted_until_s, "recorder_began_s",
+                 of.recorder_began_s);
   }
 };
 

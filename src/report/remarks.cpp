@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <functional>
 #include <set>
 #include <tuple>
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
@@ -20,6 +22,7 @@ using record::Outcome;
 
 // How a run ended, if not as requested.
 std::string ending(const Outcome& outcome) {
+  if (outcome.counted_until_s) return "not ended (cut off or still running): recorded until {}";
   if (!outcome.has_ended()) return "not ended (cut off or still running): shows what is recorded so far";
   if (outcome.error) return "failed: " + word(*outcome.error);
   return outcome.interrupted ? "interrupted before its end" : "";
@@ -36,6 +39,10 @@ std::string simulated(const Outcome& outcome) {
 using Weight = Remark::Weight;
 using Requirement = Remark::Requirement;
 
+std::string utc_text(double unix_s) {
+  constexpr double last = 253'402'300'799;  // of the year 9999
+  return fmt::format("{:%F %T} UTC", fmt::gmtime(static_cast<std::time_t>(std::clamp(unix_s, 0.0, last))));
+}
 std::string percent_text(double share) { return percent(share) + " %"; }
 // A damaged file may count more than an integer holds.
 std::string number_text(double number) {
@@ -288,6 +295,9 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
     if (!text.empty()) remarks.push_back({weight, std::move(text)});
   };
   add(Weight::not_applied, ending(outcome));
+  if (outcome.counted_until_s)
+    remarks.back() = {Weight::not_applied, ending(outcome), static_cast<double>(*outcome.counted_until_s),
+                      utc_text};
   if (const auto what = record::misfit_of(summary.run.asked, outcome); !what.empty())
     add(Weight::not_applied, "invalid " + printable(what) + " in the results file: not read");
   const bool was_asked = !summary.imported && !summary.run.asked.is_listened();
@@ -345,7 +355,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   if (const auto shift = statistics::shift_text(summary); std::ranges::none_of(
           remarks, [&](const auto& remark) { return remark.text.find(shift) != std::string::npos; }))
     add(Weight::caution, shift);
-  if (summary.has_worst_only)
+  if (summary.has_worst_only && !outcome.document.is_null())
     add(Weight::caution,
         "only samples around the worst late messages are kept; counts and times are of all messages, times "
         "within 1.6 %");

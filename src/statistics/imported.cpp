@@ -100,14 +100,16 @@ void summarise_worst(Summary& summary) {
   all.notes = std::move(summary.notes);
   all.start_ns = summary.start_ns;
   all.has_worst_only = true;
-  all.sent = std::max(summary.sent, counted.sent);
-  all.late = std::max(summary.late, counted.late);
-  all.lost = std::max(summary.lost, counted.lost);
+  // The counts of one moment: a sample that is kept may be newer than these.
+  const bool is_counted = counted.sent > 0;
+  all.sent = is_counted ? counted.sent : summary.sent;
+  all.late = is_counted ? counted.late : summary.late;
+  all.lost = is_counted ? counted.lost : summary.lost;
   all.on_time = all.sent - std::min(all.sent, all.late + all.lost);
   if (summary.late_by_response) all.late_by_response = all.late + all.lost;
   // By this what needs all samples is not told of it.
   auto& missing = all.run.outcome.counters.dropped_records;
-  missing = std::max<std::uint64_t>({missing, all.sent - summary.sent, 1});
+  missing = std::max<std::uint64_t>({missing, all.sent - std::min(all.sent, summary.sent), 1});
   all.extremes.refused = "only samples around the worst messages are kept";
   all.shape.worst = std::move(summary.shape.worst);
   if (!outcome.histogram.values.is_null()) {

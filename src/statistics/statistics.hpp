@@ -172,7 +172,8 @@ inline bool is_lower_bound(const Summary& run, Figure figure) {
 
 // Measured to its end: not cut off, interrupted or failed.
 inline bool is_complete(const record::Run& run) {
-  return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
+  return run.outcome.document.is_object() && run.outcome.has_ended() && !run.outcome.error &&
+         !run.outcome.interrupted;
 }
 // The number of messages whose samples were not recorded. If it is not 0, no metric is of all messages, and
 // no bound holds.

@@ -227,6 +227,8 @@ void Follower::look_once() {
   is_over_ = has_ended && progress_.run.number > 0;
   has_next_ = is_over_ && runs.back().number > progress_.run.number;
   if (has_ended) add_end(newest, progress_.run, start_ns_, timeout_ns);
+  if (keeps_worst && progress_.run.outcome.counters.sent > 0)  // samples may be newer than these counts
+    newest.sent = newest.late = newest.lost = newest.on_time = 0;
   const auto missing = add_unrecorded(newest, progress_.run.outcome.counters);
   progress_.unrecorded = keeps_worst ? 0 : missing;  // it was to keep no others
   static_cast<Counted&>(progress_) = newest;
