@@ -51,6 +51,7 @@ Database::Database(const std::string& path, const std::optional<struct stat>& ma
   connection_->run("BEGIN IMMEDIATE");
   if (format_of(*connection_) == 0) create_tables(*connection_);
   connection_->run("COMMIT");
+  if (!path.empty()) ::stat(path.c_str(), &file_);
   // With the log synced only where it is copied into the file, a kill costs nothing that was committed, and a
   // power cut no more than the newest of it. Copying waits for the disk, for seconds if that is under load:
   // so it is done before a run, and in one only when the log has become long.
@@ -74,7 +75,7 @@ Database::~Database() {
   connection_->try_run("COMMIT");
   // Where a reader stays, the next Writer clears away what lies beside the file.
   bool is_one_file = leave_one_file();
-  for (int tries = 20; !is_one_file && tries > 0; --tries) {
+  for (int tries = has_moved() ? 0 : 20; !is_one_file && tries > 0; --tries) {
     std::this_thread::sleep_for(std::chrono::milliseconds(50));
     is_one_file = leave_one_file();
   }
@@ -83,6 +84,12 @@ Database::~Database() {
     } catch (const Error&) {  // another process has it
     }
   connection_->try_run("COMMIT");
+}
+
+bool Database::has_moved() const {
+  struct stat there {};
+  if (path_.empty()) return false;
+  return ::stat(path_.c_str(), &there) != 0 || there.st_dev != file_.st_dev || there.st_ino != file_.st_ino;
 }
 
 // False while another process reads, as `ontime watch` does for a moment of each second.
@@ -125,6 +132,7 @@ void Database::commit(Change change) {
     connection_->run("COMMIT; BEGIN IMMEDIATE");
   } catch (...) {
     connection_->try_run("ROLLBACK");
+    is_worst_stale_ = worst_.has_value();
     throw;
   }
 }
@@ -154,6 +162,10 @@ std::int64_t Database::begin_run(const std::string& asked, const std::string& ke
 
 void Database::add(const Batch& batch) {
   std::map<std::int64_t, std::int64_t> starts;
+  if (is_worst_stale_) {
+    commit([&] { worst_.emplace(*connection_, most_bytes_); });
+    is_worst_stale_ = false;
+  }
   commit([&] {
     for (const auto& [run, pieces] : batch.samples) {
       const auto start_ns = starts[run] = start_of(run, pieces.front().front());
@@ -199,7 +211,8 @@ void Database::keep_worst(std::uint64_t bytes) {
   const auto page_bytes = connection_->number("PRAGMA page_size");
   enough_log_pages_ = static_cast<int>(
       std::clamp<std::int64_t>(static_cast<std::int64_t>(bytes / 16) / page_bytes, 16, most_log_pages));
-  commit([&] { worst_.emplace(*connection_, bytes / 4 * 3); });
+  most_bytes_ = bytes / 4 * 3;
+  commit([&] { worst_.emplace(*connection_, most_bytes_); });
   connection_->run(fmt::format("PRAGMA journal_size_limit = {}", enough_log_pages_ * page_bytes).c_str());
   copy_log();
   if (connection_->number("PRAGMA page_count") * page_bytes <= static_cast<std::int64_t>(bytes / 4 * 3))

@@ -48,6 +48,7 @@ class Database {
   void keep_worst(std::uint64_t bytes);
 
   bool has_run(std::int64_t run);
+  bool has_moved() const;  // of any thread
   const std::shared_ptr<Connection>& connection() const { return connection_; }
 
  private:
@@ -66,9 +67,12 @@ class Database {
 
   const std::string path_;
   const std::optional<struct stat> made_;
+  struct stat file_ {};
   std::shared_ptr<Connection> connection_;
   std::optional<Statement> insert_;
   std::optional<Worst> worst_;  // nothing: all is kept
+  std::uint64_t most_bytes_ = 0;
+  bool is_worst_stale_ = false;  // a change of the file was taken back
   std::set<std::int64_t> open_runs_;
   std::map<std::int64_t, std::int64_t>
       starts_;         // run.start_ns, of those that have samples and have not ended

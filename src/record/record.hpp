@@ -31,7 +31,7 @@ struct WrongFile : Error {
 };
 
 // A run: what was requested, and, once it has ended, its outcome without the samples (counters, threads,
-// hosts, conditions). A run that was cut off has samples, but no outcome.
+// hosts, conditions). A run that was cut off has samples, but no outcome, or a preliminary one.
 struct Run {
   std::int64_t number = 0;  // from 1, in order of start
   Asked asked;
@@ -102,7 +102,8 @@ class Writer {
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);    // also of a run that has ended
   void trace(std::int64_t run, const Trace&);  // also of ended runs; replaces an earlier one
-  // A preliminary outcome, valid until the run ends or if it is cut off. Does not wait for the disk.
+  // A preliminary outcome (with `counted_until_s`), valid until the run ends or if it is cut off. Does not
+  // wait for the disk.
   void note_outcome(std::int64_t run, const nlohmann::json& outcome);
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void forget_run(std::int64_t run);  // as if it had never begun; also removes a file made only for it
@@ -113,13 +114,26 @@ class Writer {
   // of the file is larger.
   void keep_worst(std::uint64_t bytes);
 
+  const std::string& path() const { return path_; }
+  // The file was renamed, replaced or removed: its path no longer leads to it.
+  bool has_moved() const;
+  // Closes the file, and goes on in a new one at its path, with the same bound. No run is open then. If that
+  // throws, nothing else may be called until it was called again and did not.
+  void begin_anew();
+
   // Flushes, and reads everything appended before. The only way to read a temporary file.
   class Reader reader();
 
  private:
   class Thread;
+  std::string path_;
+  std::uint64_t most_bytes_ = 0;  // 0: no bound
   std::unique_ptr<Thread> thread_;
 };
+
+// The log of a results file that is not at this path any more: no Writer opens the path. Empty: there is
+// none.
+std::string lone_log(const std::string& path);
 
 // Whether another process has a Writer on the file. Do not call it in a process that has the file open:
 // it would release that process's locks.

@@ -106,6 +106,7 @@ class Writer::Thread {
   }
 
   Reader reader() const { return Reader(database_.connection()); }
+  bool has_moved() const { return database_.has_moved(); }
 
   std::set<std::int64_t> open_runs;  // the caller's
 
@@ -171,12 +172,19 @@ class Writer::Thread {
   std::thread thread_;
 };
 
-Writer::Writer(const std::string& path) {
+std::string lone_log(const std::string& path) {
+  std::error_code ignored;
+  auto log = path + "-wal";
+  const bool is_lone = !path.empty() && !std::filesystem::exists(path, ignored) &&
+                       std::filesystem::is_regular_file(log, ignored) &&
+                       std::filesystem::file_size(log, ignored) > 0;
+  return is_lone ? log : "";
+}
+
+Writer::Writer(const std::string& path) : path_(path) {
   std::error_code ignored;
   // Else SQLite removes it, and with it the whole run of a killed Writer.
-  if (const auto log = path + "-wal"; !path.empty() && !std::filesystem::exists(path, ignored) &&
-                                      std::filesystem::is_regular_file(log, ignored) &&
-                                      std::filesystem::file_size(log, ignored) > 0)
+  if (const auto log = lone_log(path); !log.empty())
     throw WrongFile(fmt::format(
         "{}: {} is the log of a results file that was renamed or removed, with its newest samples. "
         "Fix: rename it with that file (NAME-wal), or remove it",
@@ -252,7 +260,20 @@ void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
                      [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
 }
 
-void Writer::keep_worst(std::uint64_t bytes) { thread_->keep_worst(bytes); }
+void Writer::keep_worst(std::uint64_t bytes) {
+  thread_->keep_worst(bytes);
+  most_bytes_ = bytes;
+}
+
+bool Writer::has_moved() const { return thread_->has_moved(); }
+
+// First closed, because what lies beside it has the names of what will lie beside the new one.
+void Writer::begin_anew() {
+  thread_.reset();
+  Writer next(path_);
+  if (most_bytes_ > 0) next.keep_worst(most_bytes_);
+  *this = std::move(next);
+}
 
 void Writer::forget_run(std::int64_t run) {
   thread_->ask([&](Database& database) { database.forget_run(run); });
@@ -283,7 +304,10 @@ std::int64_t copy_run(const Reader& from, const Run& run, Writer& to) {
   hand_over();
   for (const auto& note : from.notes(run.number)) to.note(number, note);
   from.each_trace(run.number, [&](const Trace& trace) { to.trace(number, trace); });
-  if (run.outcome.has_ended()) to.end_run(number, run.outcome.document);
+  if (run.outcome.has_ended())
+    to.end_run(number, run.outcome.document);
+  else if (!run.outcome.document.is_null())
+    to.note_outcome(number, run.outcome.document);
   return number;
 }
 
