@@ -128,10 +128,12 @@ class Listening {
     std::optional<record::Writer> writer;
     std::optional<ListenResults> results;
     if (!arguments_.results.empty()) {
+      if (most_bytes_) move_lone_log();
       writer.emplace(arguments_.results);
       if (most_bytes_) writer->keep_worst(*most_bytes_);
       results.emplace(*writer, limits_, nlohmann::json{{"command_line", command_line()}},
                       arguments_.is_recording(), most_bytes_.has_value());
+      results->owns_file = !arguments_.is_recording();
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes and sets probes, which takes seconds on a busy machine
@@ -152,9 +154,13 @@ class Listening {
         auto seen = wanted(sensor->findings());
         terminal.waits(progress_of(seen));
         if (metrics) counters_.add(seen, cost_.listened());
-        if (results) results->write(with_chains(std::move(seen)).flows);
+        if (results) {
+          results->write(with_chains(std::move(seen)).flows);
+          tell_news(*results);
+        }
       }
-      if (metrics && metrics->is_wanted()) metrics->set(counters_.metrics());
+      if (metrics && metrics->is_wanted())
+        metrics->set(counters_.metrics() + (results ? metric_of(*results) : ""));
       if (!goes_on) break;
     }
     terminal.does("ending");
@@ -168,7 +174,10 @@ class Listening {
     findings = wanted(std::move(findings));
     // Live listening may end by Ctrl-C at any time, also before --for does.
     const bool is_cut_off = interrupts > 0 && (arguments_.is_recording() || !has_listened);
-    if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
+    if (results) {
+      results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
+      tell_news(*results);
+    }
     if (output_failed_) std::rethrow_exception(output_failed_);
     write(findings);
     output_.finish();
@@ -179,6 +188,34 @@ class Listening {
   }
 
  private:
+  // A service whose file was renamed just before a power cut would refuse to start for ever.
+  void move_lone_log() const {
+    const auto log = record::lone_log(arguments_.results);
+    if (log.empty()) return;
+    auto aside = log + ".old";
+    for (int number = 2; std::filesystem::exists(aside); ++number)
+      aside = fmt::format("{}.old{}", log, number);
+    std::error_code error;
+    std::filesystem::rename(log, aside, error);
+    if (!error)
+      print_error(
+          fmt::format("results: {} has the newest samples of a file that was renamed or removed. It is "
+                      "{} now. To read it, rename it to NAME-wal beside that file NAME",
+                      log, aside));
+  }
+
+  static void tell_news(ListenResults& results) {
+    if (const auto news = results.take_news(); !news.empty()) print_error(news);
+  }
+
+  static std::string metric_of(const ListenResults& results) {
+    return fmt::format(
+        "# HELP ontime_results_failed 1 while the results file cannot be written.\n"
+        "# TYPE ontime_results_failed gauge\n"
+        "ontime_results_failed {}\n",
+        results.failure().empty() ? 0 : 1);
+  }
+
   // A damaged file adds nothing to the results file.
   static bool listen_on(listen::Sensor& sensor, std::optional<ListenResults>& results) try {
     return sensor.listen_for(200ms);

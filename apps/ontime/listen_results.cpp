@@ -2,8 +2,10 @@
 #include "listen_results.hpp"
 
 #include <algorithm>
+#include <ctime>
 #include <functional>
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
@@ -23,7 +25,10 @@ constexpr std::size_t most_notes = 1000;  // waiting to be written
 constexpr std::size_t most_worst = 4;     // waiting to be written, of a flow
 // A miss is known at most this long after its message arrived.
 constexpr std::int64_t known_within_ns = 5'000'000'000;
-constexpr auto outcome_every = 1min;  // a kill or a power cut loses at most this much of it
+constexpr std::chrono::seconds outcome_every = 1min;  // a kill or a power cut loses at most this much of it
+constexpr int most_gaps = 20;                         // each is a note of each run
+// A disk that is all but full fails again and again, each with two lines.
+constexpr std::chrono::nanoseconds longest_until_tried_again = 10min;
 
 const char* word_of(Row::Quantity quantity) { return quantity == Row::Quantity::age ? "age" : "period"; }
 
@@ -59,6 +64,17 @@ bool has_both_ends(const listen::Flow& flow) {
   return !flow.topic.empty() && flow.writer != listen::Party{} && flow.reader != listen::Party{};
 }
 
+std::string local_time() { return fmt::format("{:%F %T}", fmt::localtime(std::time(nullptr))); }
+
+// "F: the disk is full. Free space, …" has the name that the file has already, and what may have been done
+// since: "the disk is full".
+std::string reason_of(std::string error, const std::string& path) {
+  if (error.starts_with(path + ": ")) error.erase(0, path.size() + 2);
+  error.resize(std::min(error.find(". "), error.size()));
+  if (error.ends_with('.')) error.pop_back();
+  return error;
+}
+
 json microseconds(std::optional<std::chrono::nanoseconds> limit) {
   return limit ? json(std::chrono::duration<double, std::micro>(*limit).count()) : json();
 }
@@ -88,8 +104,9 @@ void ListenResults::add(Kept& kept, const roundtrip::Sample& sample, bool was_lo
   kept.lost -= was_lost ? 1 : 0;
   if (!kept.last || sample.index > kept.last->index) kept.last = sample;
   if (!keeps_worst_) {
+    if (failed_) kept.samples.clear();  // the last one is enough to try whether it can be written
     kept.samples.push_back(sample);
-    ++waiting_;
+    waiting_ += failed_ ? 0 : 1;
     return;
   }
   kept.latest.push_back(sample);
@@ -101,7 +118,7 @@ void ListenResults::add(Kept& kept, const roundtrip::Sample& sample, bool was_lo
 }
 
 void ListenResults::keep(const Row& row) {
-  if (!failure_.empty()) return;
+  if (failed_ && is_recording_) return;
   roundtrip::Sample sample{};
   sample.index = row.index;
   // If a clock was set, an age below zero counts as zero.
@@ -128,10 +145,8 @@ void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity qu
   auto variant = name_of(flow, has_twin);
   // Processes may share a name, and a process may have several readers.
   const auto name = [&] { return fmt::format("{}\n{}", id, variant); };
-  for (int number = 1; !names_.insert(name()).second; ++number)
+  for (int number = 1; names_.contains(name()); ++number)
     variant = name_of(flow, true) + (number > 1 ? fmt::format(" #{}", number) : "");
-  kept.name = name();
-  ++runs_;
   auto asked = asked_;
   asked.update({{"id", id},
                 {"measures", word_of(quantity)},
@@ -146,21 +161,70 @@ void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity qu
                 {"ontime", ONTIME_VERSION}});
   if (keeps_worst_) asked["kept"] = "worst";
   kept.run = writer_.begin_run(asked);
+  kept.name = name();
+  names_.insert(kept.name);
+  ++runs_;
 }
 
-// A full disk ends neither listening nor printing.
+// A full disk ends neither listening nor printing, and may have space again later. A recording of a bag is
+// not tried again: its messages do not come again.
 template <class Do>
 void ListenResults::until_it_fails(const Do& what) {
-  if (!failure_.empty()) return;
+  if (failed_ && is_recording_) return;
   try {
+    if (needs_file_) writer_.begin_anew();
+    needs_file_ = false;
     what();
+    if (!failed_) return;
+    writer_.flush();
+    go_on();
   } catch (const record::Error& error) {
-    failure_ = error.what();
-    kept_.clear();
+    fail(error.what());
   }
 }
 
+void ListenResults::fail(const std::string& why) {
+  waiting_ = 0;
+  if (is_recording_) kept_.clear();
+  for (auto& [key, kept] : kept_) {  // what was to be written may be lost
+    kept.told_at.reset();
+    kept.is_told = false;
+  }
+  if (!failed_) {
+    const bool is_soon = went_on_at_ && Clock::now() - *went_on_at_ < longest_until_tried_again;
+    until_tried_again_ =
+        is_soon ? std::min(2 * until_tried_again_, longest_until_tried_again) : try_again_after;
+    failed_.emplace(Failed{why, local_time(), {}});
+    if (!is_recording_) tell(fmt::format("results: recording stopped, and is tried again: {}", why));
+  }
+  failed_->why = why;
+  failed_->again_at = Clock::now() + until_tried_again_;
+}
+
+void ListenResults::go_on() {
+  const auto gap = fmt::format("not recorded from {} to {}", failed_->since, local_time());
+  if (++gaps_ <= most_gaps)
+    for (const auto& [key, kept] : kept_)
+      if (kept.run != 0)
+        writer_.note(kept.run, {"not-recorded",
+                                fmt::format("{}{}: {}{}", gap, gaps_ == most_gaps ? ", and maybe later" : "",
+                                            reason_of(failed_->why, writer_.path()),
+                                            keeps_worst_ ? " (counts are of all messages)" : ""),
+                                std::nullopt, std::nullopt});
+  failed_.reset();
+  went_on_at_ = Clock::now();
+  tell(fmt::format("results: recording goes on; {}", gap));
+}
+
+void ListenResults::tell(const std::string& news) { news_ += (news_.empty() ? "" : "; ") + news; }
+
 void ListenResults::write(const std::vector<listen::Flow>& wanted) {
+  const auto now = Clock::now();
+  if (failed_ && now < failed_->again_at) return;
+  if (owns_file && !needs_file_ && now >= look_at_file_) {
+    look_at_file_ = now + look_at_file_every;
+    if (writer_.has_moved()) begin_anew(wanted);
+  }
   until_it_fails([&] { write(wanted, false); });
 }
 
@@ -169,7 +233,6 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
   std::map<std::uint64_t, const listen::Flow*> flows;
   for (const auto& flow : wanted) flows.emplace(flow.id, &flow);
   const auto now = Clock::now();
-  json about;  // of this machine, once for all runs
   for (auto next = kept_.begin(); next != kept_.end();) {
     const auto one = next++;
     auto& [key, kept] = *one;
@@ -178,7 +241,10 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     if (flow != nullptr)
       kept.counted = {flow->lost, flow->duplicated, flow->reordered,
                       flow->not_judged + flow->lost_not_judged};
-    if (kept.samples.empty() && kept.latest.empty()) continue;
+    if (kept.samples.empty() && kept.latest.empty()) {
+      if (flow == nullptr && kept.run == 0) kept_.erase(one);
+      continue;
+    }
     if (kept.run == 0) {
       const bool is_old = is_end || now - kept.since > named_after;
       const auto twin = flow != nullptr ? twin_of(*flow, wanted) : Twin::none;
@@ -193,21 +259,25 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
     for (const auto& note : kept.notes) writer_.note(kept.run, note);
     kept.notes.clear();
     if (!keeps_worst_) continue;
+    const bool has_worst = !kept.worst.empty();  // which are within what is counted
     write_worst(kept);
     const bool has_gone = flow == nullptr && !is_end;  // its processes ended, and it was forgotten
     // Many topics have one message when a node starts, and then none for weeks.
-    if (!has_gone && (kept.is_told || (kept.told_at && now - *kept.told_at < outcome_every))) continue;
+    if (!has_gone && !has_worst && (kept.is_told || (kept.told_at && now - *kept.told_at < kept.tell_after)))
+      continue;
+    if (kept.told_at && !has_worst) kept.tell_after = std::min(2 * kept.tell_after, outcome_every);
     kept.told_at = now;
     kept.is_told = true;
-    if (about.is_null()) about = about_machine();
     auto outcome = outcome_of(key.second, kept);
-    outcome.update(about);
+    outcome.update(recent_about());
     if (!has_gone) {
+      outcome["counted_until_s"] = std::time(nullptr);
+      outcome["recorder_began_s"] = began_s_;
       writer_.note_outcome(kept.run, outcome);
       continue;
     }
-    note_not_judged(kept);
     writer_.end_run(kept.run, outcome);
+    note_not_judged(kept);
     names_.erase(kept.name);
     kept_.erase(one);
   }
@@ -216,12 +286,13 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
 }
 
 void ListenResults::note(const listen::Miss& miss) {
-  if (!failure_.empty()) return;
+  if (failed_ && is_recording_) return;
   const bool is_age = miss.kind == listen::Miss::Kind::age;
   const auto quantity = is_age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
   kept.is_told = false;
   if (miss.why) ++(miss.why->is_seen ? kept.causes.seen : kept.causes.not_seen);
+  if (failed_) return;  // else what waits fills the memory
   const auto row_in = [&](const auto& rows) -> std::optional<roundtrip::Sample> {
     const auto row = std::find_if(rows.rbegin(), rows.rend(), [&](const auto& sample) {
       return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns &&
@@ -300,17 +371,18 @@ void ListenResults::add_silence(const listen::Flow& flow) {
 
 json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   const bool is_age = quantity == Row::Quantity::age;
-  json outcome{{"loss_unknown", !is_age || !kept.counted.lost}};
-  if (is_age)
-    outcome.update({{"duplicates", kept.counted.duplicated}, {"reordered", kept.counted.reordered}});
+  const auto counted = counted_of(kept);
+  json outcome{{"loss_unknown", !is_age || !counted.lost}};
+  if (is_age) outcome.update({{"duplicates", counted.duplicated}, {"reordered", counted.reordered}});
   if (kept.causes.seen + kept.causes.not_seen > 0) outcome["causes"] = record::to_json(kept.causes);
   // Losses without rows: too many in a row, or too close to the end.
-  const auto lost = is_age ? static_cast<std::int64_t>(kept.counted.lost.value_or(0)) : 0;
-  const auto missing = std::max<std::int64_t>(lost - kept.lost, 0);
+  const auto lost = is_age ? static_cast<std::int64_t>(counted.lost.value_or(0)) : 0;
+  const auto without_rows = std::max<std::int64_t>(lost - kept.lost, 0);
+  const auto missing = without_rows + kept.not_recorded;
   if (missing == 0 && !keeps_worst_) return outcome;
-  outcome.update({{"sent", static_cast<std::int64_t>(kept.values.count()) + kept.lost + missing},
+  outcome.update({{"sent", static_cast<std::int64_t>(kept.values.count()) + kept.lost + without_rows},
                   {"late", kept.late},
-                  {"lost", kept.lost + missing}});
+                  {"lost", kept.lost + without_rows}});
   if (!keeps_worst_) {
     outcome["dropped_records"] = missing;
   } else if (const auto& values = kept.values; values.count() > 0) {
@@ -324,12 +396,21 @@ json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
 }
 
 void ListenResults::note_not_judged(const Kept& kept) {
-  if (kept.counted.not_judged > 0)
+  if (const auto not_judged = counted_of(kept).not_judged; not_judged > 0)
     writer_.note(kept.run,
                  {"not-judged",
                   fmt::format("{} messages of the flow are not judged: ontime was setting or removing probes",
-                              kept.counted.not_judged),
+                              not_judged),
                   std::nullopt, std::nullopt});
+}
+
+ListenResults::Counted ListenResults::counted_of(const Kept& kept) {
+  auto counted = kept.counted;
+  const auto& before = kept.counted_before;
+  if (counted.lost) *counted.lost -= std::min(*counted.lost, before.lost.value_or(0));
+  for (const auto part : {&Counted::duplicated, &Counted::reordered, &Counted::not_judged})
+    counted.*part -= std::min(counted.*part, before.*part);
+  return counted;
 }
 
 // In the run of its ages, or, where none is known, of its periods.
@@ -352,32 +433,82 @@ json ListenResults::about_machine() const {
           {"conditions", {{"controller", machine::between(before_, machine::activity())}}}};
 }
 
+// It is of a preliminary outcome as well, with each late message that is kept: not measured each time.
+const json& ListenResults::recent_about() {
+  const auto now = Clock::now();
+  if (!about_at_ || now - *about_at_ > outcome_every / 2) {
+    about_ = about_machine();
+    about_at_ = now;
+  }
+  return about_;
+}
+
+void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
+  write(wanted.flows, true);
+  if (gaps_ > 0 || failed_) count_not_recorded();
+  const auto about = about_machine();
+  for (const auto& flow : wanted.flows) note_open_age(flow);
+  for (const auto& [key, kept] : kept_) {
+    if (kept.run == 0) continue;
+    auto outcome = outcome_of(key.second, kept);
+    outcome["interrupted"] = interrupted;
+    outcome.update(about);
+    const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
+      writer_.note(run, {kind, text, std::nullopt, std::nullopt});
+    };
+    if (wanted.sensor_lost > 0) note("sensor-lost", unseen_of(wanted.sensor_lost));
+    for (const auto& remark : wanted.incomplete) note("incomplete", remark);
+    note_not_judged(kept);
+    if (!pauses.empty()) note("pauses", pauses);
+    if (left_out_ > 0)
+      note("left-out",
+           fmt::format("{} messages of all topics are left out: their times are invalid", left_out_));
+    writer_.end_run(kept.run, outcome);
+  }
+  writer_.flush();
+}
+
 void ListenResults::end(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
   until_it_fails([&] {
     for (const auto& flow : wanted.flows) add_silence(flow);
-    write(wanted.flows, true);
-    const auto about = about_machine();
-    for (const auto& flow : wanted.flows) note_open_age(flow);
-    for (const auto& [key, kept] : kept_) {
-      if (kept.run == 0) continue;
-      auto outcome = outcome_of(key.second, kept);
-      outcome["interrupted"] = interrupted;
-      outcome.update(about);
-      const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
-        writer_.note(run, {kind, text, std::nullopt, std::nullopt});
-      };
-      if (wanted.sensor_lost > 0) note("sensor-lost", unseen_of(wanted.sensor_lost));
-      for (const auto& remark : wanted.incomplete) note("incomplete", remark);
-      note_not_judged(kept);
-      if (!pauses.empty()) note("pauses", pauses);
-      if (left_out_ > 0)
-        note("left-out",
-             fmt::format("{} messages of all topics are left out: their times are invalid", left_out_));
-      writer_.end_run(kept.run, outcome);
-    }
-    writer_.flush();
+    end_runs(wanted, interrupted, pauses);
     if (is_recording_) forget_known();
   });
+}
+
+// What is counted until now is of the old file.
+void ListenResults::begin_anew(const std::vector<listen::Flow>& wanted) {
+  tell(fmt::format("results: {} was renamed or removed; recording goes on in a new file of this name",
+                   writer_.path()));
+  try {
+    listen::Findings findings;
+    findings.flows = wanted;
+    end_runs(findings, false, "");
+  } catch (const record::Error&) {  // no space, and nobody can name it any more
+  }
+  for (auto& [key, kept] : kept_) {
+    Kept next;
+    next.since = kept.since;
+    next.last = kept.last;
+    next.counted = next.counted_before = kept.counted;
+    kept = std::move(next);
+  }
+  names_.clear();
+  runs_ = 0;
+  gaps_ = 0;
+  before_ = machine::activity();
+  about_at_.reset();
+  needs_file_ = true;
+}
+
+void ListenResults::count_not_recorded() {
+  if (keeps_worst_) return;
+  const auto reader = writer_.reader();
+  for (auto& [key, kept] : kept_) {
+    if (kept.run == 0) continue;
+    kept.not_recorded = static_cast<std::int64_t>(kept.values.count()) + kept.lost;
+    reader.each_sample(kept.run, [&](const auto&) { --kept.not_recorded; });
+  }
 }
 
 // A recording that is imported again is no repetition. By its own clock, its last message has the same times.
