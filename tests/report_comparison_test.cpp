@@ -54,6 +54,16 @@ TEST(Compare, RunsOfOneSideWithTheSameNameAreToldApart) {
   EXPECT_THAT(text, HasSubstr("Only in B: x udp (1 run); z udp (1 run)"));
 }
 
+TEST(Compare, OtherProcessesOfATopicAreNamedAsTheDifference) {
+  std::vector a{run("/tf age", "k1", 1)}, b{run("/tf age", "k2", 1)};
+  amend(a[0].run.asked,
+        {{"measures", "age"}, {"variant", "pub [1] → sub [2]"}, {"flow", "pub [1] → sub [2]"}});
+  amend(b[0].run.asked,
+        {{"measures", "age"}, {"variant", "pub [3] → sub [4]"}, {"flow", "pub [3] → sub [4]"}});
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("Different: flow."));
+}
+
 TEST(Compare, WithoutAPairTheAnswerStandsBeforeTheLists) {
   std::vector a{run("x", "k1", 1)}, b{run("y", "k2", 1, 2)};
   amend(b[0].run.asked, {{"deadline_us", 5000}});

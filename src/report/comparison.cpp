@@ -383,7 +383,9 @@ std::string nearest(const Comparison& comparison) {
   for (const auto& from : std::span(comparison.only_from).first(std::min(most, comparison.only_from.size())))
     for (const auto& to : std::span(comparison.only_to).first(std::min(most, comparison.only_to.size()))) {
       if (quantity_of(from) != quantity_of(to)) continue;
-      const auto different = key_differences(*from.front(), *to.front());
+      auto different = key_differences(*from.front(), *to.front());
+      if (from.front()->run.asked.stated("flow") != to.front()->run.asked.stated("flow"))
+        different.emplace_back("flow");  // the names have its processes
       if (different.empty() || (least != 0 && different.size() >= least)) continue;
       least = different.size();
       nearest = fmt::format(
