@@ -453,7 +453,7 @@ class Results(results.Results):
         self.assertIn("transport: udp", runs("--by", "transport", code=2))
         self.assertIn("unknown key 'perod' (did you mean 'period'?)", runs("--by", "perod", code=2))
         self.assertIn("unknown key 'foo'; these differ between the runs: period", runs("--by", "foo", code=2))
-        self.ontime("ping", "--loopback", "--option", "port=7901", "--duration", "200 ms", "--results", self.results)
+        self.ontime("ping", "--transport", "udp", "--loopback", "--option", "port=7901", "--duration", "200 ms", "--results", self.results)
         self.assertIn("unknown key 'port' (did you mean 'options.port'?)", runs("--by", "port", code=2))
         self.assertIn("in common", runs(self.results, code=2))
 
