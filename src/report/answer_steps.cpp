@@ -37,7 +37,7 @@ constexpr std::string_view without_value[] = {"--deploy", "--explain", "--live",
 constexpr std::string_view of_output[] = {"--results", "--format", "--output", "--full", "--keep"};
 // Those that name files or interfaces.
 constexpr std::string_view only_own[] = {"--kernel", "--with", "--cable"};
-// The same, and ports, of transports.
+// Options of transports that name files, ports or queues.
 constexpr std::string_view own_options[] = {"config", "profiles", "port", "queue"};
 
 // Whether the word after this one is its value.
