@@ -29,21 +29,25 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
 
 namespace {
 
-// Called before measuring: a killed process must not leave the verdict of an earlier one. Protects other
-// files, such as the scenario or a robot's description.
-void begin_junit(const std::string& path) {
+bool is_pipe_or_device(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code none;
   const auto status = fs::status(path, none);
-  if (fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status)) return;
-  const Judgement unknown{Judgement::Result::cannot_judge, "ontime", "ontime ends",
-                          "it was killed, failed, or is still running"};
-  write_whole(path, report::junit({unknown}), Kind::junit);
+  return fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status);
 }
 
 }  // namespace
 
+void GateFlags::begin_junit() const {
+  if (junit_.empty() || is_pipe_or_device(junit_)) return;
+  const Judgement unknown{Judgement::Result::cannot_judge, "ontime", "ontime ends",
+                          "it was killed, failed, or is still running"};
+  write_whole(junit_, report::junit({unknown}), Kind::junit);
+}
+
 std::vector<gate::Gate> GateFlags::gates() const {
+  // Before measuring. Protects other files, such as the scenario or a robot's description.
+  if (!junit_.empty() && !is_pipe_or_device(junit_)) Output(junit_, Kind::junit);
   std::vector<gate::Gate> gates;
   for (const auto& text : fail_if_) {
     try {
@@ -52,7 +56,6 @@ std::vector<gate::Gate> GateFlags::gates() const {
       throw wrong("--fail-if: '{}', {}", text, error.what());
     }
   }
-  if (!junit_.empty()) begin_junit(junit_);
   return gates;
 }
 

@@ -15,6 +15,8 @@ class GateFlags {
   GateFlags(Command&, gate::Use);
   // Each throws Error{2} that names the flag.
   std::vector<gate::Gate> gates() const;
+  // Before measuring: a killed process must not leave the verdict of an earlier one in the file of --junit.
+  void begin_junit() const;
 
   bool wanted() const { return !fail_if_.empty() || !junit_.empty(); }
   // Judges one run by gate::judge_all(); for JUnit also whether it was measured as requested.

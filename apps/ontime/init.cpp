@@ -95,7 +95,9 @@ Place this_machine(const Place& other) {
   Place place;
   place.address = other.peer;
   place.interface = machine::interface_to(other.address, "");
-  const bool is_own = machine::interface_with(place.address).has_value();
+  // A link-local address has the other machine's zone, and is of the same link.
+  const bool is_own =
+      place.address.find('%') != place.address.npos || machine::interface_with(place.address).has_value();
   if (is_own && !is_ipv6(place.address)) return place;
   for (const auto& interface : machine::interfaces())
     if (interface.name == place.interface && !interface.addresses.empty()) {

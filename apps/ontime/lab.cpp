@@ -33,9 +33,13 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
   check_results(results, arguments.resume);
   auto& interrupts = catch_interrupts();
   Terminal terminal;
+  flags.begin_junit();
   record::Writer writer(results);
-  const auto known = writer.reader().runs().size();
+  const auto before = writer.reader().runs().size();
   const auto end = lab.measure(writer, terminal, interrupts);
+  // With --resume the report is of all runs, unless none could be measured.
+  const bool none = end.code != 0 && writer.reader().runs().size() == before;
+  const auto known = arguments.resume && !none ? 0 : before;
   const bool has_more = !end.unfinished.empty() && !writer.reader().runs().empty();
   const auto go_on = has_more ? to_go_on(results, !arguments.results.empty(), arguments.resume) : "";
   return show_measured({writer, results, known, end.code, end.unfinished, go_on}, format, arguments.full,

@@ -252,7 +252,7 @@ class Listening {
       if (topics_.empty() && !is_wanted(flow.topic)) topics.insert(topic_of(flow.topic));
     if (!topics.empty())
       findings.remarks.push_back(
-          fmt::format("not judged: {}, ROS 2's own. To judge one, name it", fmt::join(topics, ", ")));
+          fmt::format("left out: {}, ROS 2's own. To judge one, name it", fmt::join(topics, ", ")));
   }
 
   static listen::Findings with_chains(listen::Findings findings) {

@@ -125,8 +125,7 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
       remarks.push_back(
           fmt::format("no message of '{}' was seen on this machine{}; list all topics: ontime listen --list",
                       topic, spelling::suggestion(topic, {others.begin(), others.end()})));
-  if (!results_.failure().empty())
-    remarks.push_back(fmt::format("not all messages were recorded: {}", results_.failure()));
+  if (auto news = results_.take_news(); !news.empty()) remarks.push_back(std::move(news));
   return remarks;
 }
 

@@ -220,11 +220,15 @@ void ListenResults::tell(const std::string& news) { news_ += (news_.empty() ? ""
 
 void ListenResults::write(const std::vector<listen::Flow>& wanted) {
   const auto now = Clock::now();
-  if (failed_ && now < failed_->again_at) return;
+  // Also while it cannot be written: a file that was removed to make space frees it only once it is closed.
   if (owns_file && !needs_file_ && now >= look_at_file_) {
     look_at_file_ = now + look_at_file_every;
-    if (writer_.has_moved()) begin_anew(wanted);
+    if (writer_.has_moved()) {
+      begin_anew(wanted);
+      if (failed_) failed_->again_at = now;
+    }
   }
+  if (failed_ && now < failed_->again_at) return;
   until_it_fails([&] { write(wanted, false); });
 }
 
@@ -484,7 +488,7 @@ void ListenResults::begin_anew(const std::vector<listen::Flow>& wanted) {
     listen::Findings findings;
     findings.flows = wanted;
     end_runs(findings, false, "");
-  } catch (const record::Error&) {  // no space, and nobody can name it any more
+  } catch (const record::Error&) {  // no space; the file has no name any more
   }
   for (auto& [key, kept] : kept_) {
     Kept next;
@@ -506,8 +510,8 @@ void ListenResults::count_not_recorded() {
   const auto reader = writer_.reader();
   for (auto& [key, kept] : kept_) {
     if (kept.run == 0) continue;
-    kept.not_recorded = static_cast<std::int64_t>(kept.values.count()) + kept.lost;
-    reader.each_sample(kept.run, [&](const auto&) { --kept.not_recorded; });
+    kept.not_recorded =
+        static_cast<std::int64_t>(kept.values.count()) + kept.lost - reader.number_of_samples(kept.run);
   }
 }
 

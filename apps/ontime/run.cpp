@@ -126,6 +126,7 @@ int run(const RunArguments& arguments, const GateFlags& flags) {
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   auto& interrupts = catch_interrupts("interrupted: restoring settings …");
+  flags.begin_junit();
   record::Writer writer(results);
   const auto before = writer.reader().runs().size();
   const auto done = arguments.resume ? done_in(writer.reader()) : campaign::Done();

@@ -232,7 +232,9 @@ std::optional<Claim> Pair::claim() const {
 
 void Pair::make_ready(std::chrono::nanoseconds wait) {
   wait_ = wait;
-  const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
+  // A message of the warm-up waits for its answer until its time-out.
+  const auto& client = run_.task.client;
+  const auto warm_up = std::max(client.period, client.timeout) * static_cast<std::int64_t>(client.warm_up);
   const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
   const json body{{"wait_ns", wait_.count()}, {"served", component_.has_value()}};
   try {

@@ -226,6 +226,12 @@ void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)
   }
 }
 
+std::int64_t Reader::number_of_samples(std::int64_t run) const {
+  Statement row(*connection_, "SELECT count(*) FROM sample WHERE run = ?");
+  row.bind(run);
+  return row.next() ? row.integer(0) : 0;
+}
+
 void Reader::each_sample(std::int64_t run, std::uint64_t from,
                          const std::function<void(const roundtrip::Sample&)>& use) const {
   auto start = row_of(*connection_, run);

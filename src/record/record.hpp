@@ -131,8 +131,7 @@ class Writer {
   std::unique_ptr<Thread> thread_;
 };
 
-// The log of a results file that is not at this path any more: no Writer opens the path. Empty: there is
-// none.
+// The log of a results file that is not at this path any more: no Writer opens the path. Empty: not there.
 std::string lone_log(const std::string& path);
 
 // Whether another process has a Writer on the file. Do not call it in a process that has the file open:
@@ -148,6 +147,7 @@ class Reader {
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
   // Each trace of a run, in order of its message. Memory use does not depend on their number.
   void each_trace(std::int64_t run, const std::function<void(const Trace&)>&) const;
+  std::int64_t number_of_samples(std::int64_t run) const;
   // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
   // append() has them, so that no difference of two overflows.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {

@@ -105,6 +105,10 @@ Values values_of(const Comparison::Runs& runs) {
   return values;
 }
 
+bool is_present_setting(const Fact& fact) {
+  return !fact.host.empty() && fact.name.starts_with(present_setting) && !fact.name.ends_with(of_balancing);
+}
+
 // In the words of a key, where one is given.
 std::string one_of(const std::set<std::string>& values, const conditions::Key* key = nullptr) {
   if (values.empty()) return nothing;
@@ -152,7 +156,8 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
     auto &one = before[fact], &other = after[fact];
     if (one == other) continue;
     if (!fact.host.empty() && fact.name.starts_with(present_setting)) {
-      if (one.empty() || other.empty()) continue;  // an older record, or an interface without it
+      // An older record, or an interface without it.
+      if (one.empty() || other.empty() || !is_present_setting(fact)) continue;
       const Fact asked{"", "kernel " + fact.name.substr(present_setting.size())};
       if (before[asked] != after[asked]) continue;  // told as requested
     }
@@ -187,9 +192,18 @@ std::vector<std::string> mixed(const Comparison::Runs& runs) {
     add(controller, fmt::format("{}{}", what, is_of_both ? "" : " of the controller"));
     if (!is_of_both) add(component, fmt::format("{} of the component", what));
   }
-  for (const auto& [fact, all] : values)
-    if (!fact.host.empty() && fact.name.starts_with(present_setting) && !fact.name.ends_with(of_balancing))
+  const std::map<Fact, std::set<std::string>> facts = values;
+  for (const auto& [fact, all] : facts) {
+    if (!is_present_setting(fact)) continue;
+    const auto* const at_other =
+        fact.host == record::both_hosts[0] ? record::both_hosts[1] : record::both_hosts[0];
+    const auto other = facts.find({at_other, fact.name});
+    const bool is_of_both = other != facts.end() && other->second == all;
+    if (!is_of_both)
       add(all, fmt::format("values of {} of the {}", fact.name, fact.host));
+    else if (fact.host == record::both_hosts[0])
+      add(all, fmt::format("values of {}", fact.name));
+  }
   add(values[{"", "ontime"}], "versions of ontime");
   return several;
 }

@@ -12,13 +12,15 @@
 
 namespace {
 
-// ROS 2 ignores a parameter that no node declares: a misspelt one would change nothing.
-void refuse_unknown_parameters(rclcpp::Node& node) {
+// ROS 2 ignores a parameter that no node declares: a misspelt one would change nothing. It may be for another
+// node, from a file that all nodes get.
+void warn_of_unknown_parameters(rclcpp::Node& node) {
   for (const auto& [name, value] : node.get_node_parameters_interface()->get_parameter_overrides()) {
     if (node.has_parameter(name)) continue;
     std::string known;
     for (const auto& one : node.list_parameters({}, 1).names) known += (known.empty() ? "" : ", ") + one;
-    throw std::invalid_argument("unknown parameter '" + name + "'; known: " + known);
+    RCLCPP_WARN(node.get_logger(), "unknown parameter '%s' has no effect; known: %s", name.c_str(),
+                known.c_str());
   }
 }
 
@@ -28,7 +30,7 @@ std::shared_ptr<ontime_ros2::Pong> new_pong() {
   std::vector<pid_t> started;
   for (const auto& task : ontime::transport::dds::started_since(before)) started.push_back(task.tid);
   ontime_ros2::make_realtime(*node, started);
-  refuse_unknown_parameters(*node);
+  warn_of_unknown_parameters(*node);
   return node;
 }
 
