@@ -1,18 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // The flight recorder of `ontime listen`: what a results file keeps of weeks, at an accelerated rate.
-#include <cmath>
 #include <numeric>
 #include <random>
 #include <set>
-#include <thread>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "explain/explain.hpp"
-#include "listen_results.hpp"
 #include "listen_words.hpp"
-#include "record_fixture.hpp"
+#include "recorder_fixture.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::app {
@@ -20,53 +17,6 @@ namespace {
 
 using listen::Row;
 using record::Sample;
-
-constexpr std::int64_t ms = 1'000'000;
-
-class Recorder : public record::RecordTest {
- protected:
-  static listen::Flow flow(std::uint64_t id, std::uint32_t reader = 2) {
-    listen::Flow flow;
-    flow.id = id;
-    flow.topic = "/cmd_vel";
-    flow.writer = {1, "controller"};
-    flow.reader = {reader, "base"};
-    return flow;
-  }
-  // Of the one that comes now, so long after the one before.
-  void period(ListenResults& results, std::uint64_t flow, std::int64_t ns) {
-    results.keep({.flow = flow,
-                  .quantity = Row::Quantity::period,
-                  .index = index_++,
-                  .from_ns = now_ns_,
-                  .to_ns = now_ns_ + ns,
-                  .is_late = limits_.is_gap(ns)});
-    now_ns_ += ns;
-  }
-  // As an explainer leaves it, with so many events.
-  listen::Miss miss(std::uint64_t flow, std::int64_t ns, int events = 200) const {
-    listen::Miss miss;
-    miss.kind = listen::Miss::Kind::gap;
-    miss.value_ns = ns;
-    miss.flow = flow;
-    auto around = std::make_shared<listen::Surroundings>();
-    around->window = {{0, now_ns_ - ns, now_ns_ + 100 * ms}, true, {}};
-    for (int i = 0; i < events; ++i)
-      around->window.events.push_back({.at_ns = now_ns_ - ns + i,
-                                       .kind = trace::Kind::switched,
-                                       .thread = {i, "a thread", 120},
-                                       .other = {i + 1, "another", 120},
-                                       .what = "S"});
-    miss.surroundings = around;
-    miss.course.taken_ns = now_ns_;
-    miss.why = listen::Why{.is_seen = true, .cause = "cpu", .sentence = "the reader waited", .ns = 4 * ms};
-    return miss;
-  }
-
-  const listen::Limits limits_{.deadline = std::chrono::milliseconds(60), .period = {}, .age = {}};
-  std::uint64_t index_ = 0;
-  std::int64_t now_ns_ = 1000 * ms;
-};
 
 // 20 messages a second, and every 40 s one that is late: 1,728,000 and 2,160, of which 4 MB keep the worst.
 TEST_F(Recorder, ADayIsCountedAndItsWorstMessagesAreKept) {
@@ -476,137 +426,6 @@ TEST_F(Recorder, LateMessagesWithoutSpaceAreCountedWhileItIsRecorded) {
   const auto run = statistics::summarise(writer.reader()).at(0);
   EXPECT_EQ(run.sent, 100u);
   EXPECT_EQ(run.late, 10u);
-}
-
-TEST_F(Recorder, FileThatIsRenamedOrRemovedIsEndedAndANewOneBegun) {
-  const auto old = path_ + ".1";
-  {
-    record::Writer writer(path_);
-    writer.keep_worst(4'000'000);
-    ListenResults results(writer, limits_, nlohmann::json::object(), false, true);
-    results.owns_file = true;
-    results.look_at_file_every = {};
-    auto seen = flow(1);
-    seen.duplicated = 4;
-    const auto look = [&](std::uint64_t messages) {
-      for (std::uint64_t i = 0; i < messages; ++i) {
-        results.keep({.flow = 1, .index = index_++, .from_ns = now_ns_, .to_ns = now_ns_ + ms});
-        now_ns_ += 50 * ms;
-      }
-      results.write({seen});
-    };
-    look(100);
-    EXPECT_EQ(results.take_news(), "");
-    record::fs::rename(path_, old);
-    look(50);
-    EXPECT_THAT(results.take_news(), testing::HasSubstr("renamed or removed"));
-    seen.duplicated = 5;
-    look(30);
-    EXPECT_EQ(results.take_news(), "");
-    EXPECT_EQ(statistics::summarise(writer.reader()).at(0).sent, 30u);
-    record::fs::remove(path_);
-    look(1);
-    EXPECT_THAT(results.take_news(), testing::HasSubstr("renamed or removed"));
-    look(20);
-    seen.duplicated = 7;
-    listen::Findings findings;
-    findings.flows = {seen};
-    results.end(findings, false);
-    EXPECT_EQ(results.failure(), "");
-  }
-  EXPECT_THAT(files(), testing::ElementsAre("results.db", "results.db.1"));
-  const auto before = statistics::summarise(record::Reader(old)),
-             now = statistics::summarise(record::Reader(path_));
-  ASSERT_EQ(before.size(), 1u);
-  EXPECT_EQ(before[0].sent, 150u);
-  EXPECT_TRUE(statistics::is_complete(before[0].run));
-  EXPECT_EQ(before[0].run.outcome.counters.duplicates, 4u);
-  ASSERT_EQ(now.size(), 1u);
-  EXPECT_EQ(now[0].sent, 20u);
-  EXPECT_TRUE(statistics::is_complete(now[0].run));
-  EXPECT_EQ(now[0].run.outcome.counters.duplicates, 2u);
-}
-
-TEST_F(Recorder, FolderOfTheFileThatIsGoneIsTriedAgain) {
-  const auto folder = folder_ / "robot";
-  record::fs::create_directory(folder);
-  const auto path = (folder / "r.ontime").string();
-  record::Writer writer(path);
-  ListenResults results(writer, limits_, nlohmann::json::object(), false, true);
-  results.owns_file = true;
-  results.look_at_file_every = results.try_again_after = {};
-  period(results, 1, 50 * ms);
-  results.write({flow(1)});
-  record::fs::remove_all(folder);
-  for (int i = 0; i < 3; ++i) {
-    period(results, 1, 50 * ms);
-    results.write({flow(1)});
-    EXPECT_NE(results.failure(), "");
-  }
-  record::fs::create_directory(folder);
-  results.write({flow(1)});
-  EXPECT_EQ(results.failure(), "");
-  period(results, 1, 50 * ms);
-  results.write({flow(1)});
-  listen::Findings findings;
-  findings.flows = {flow(1)};
-  results.end(findings, false);
-  EXPECT_EQ(statistics::summarise(writer.reader()).at(0).sent, 3u);
-}
-
-TEST_F(Recorder, FullDiskIsToldAndRecordingGoesOnOnceItHasSpace) {
-  if (!mount_disk("size=4m")) GTEST_SKIP() << "mounting a tmpfs needs root";
-  const auto filler = folder_ / "filler";
-  for (const bool keeps_worst : {false, true}) {
-    const auto path = path_ + (keeps_worst ? "worst" : "all");
-    index_ = 0;
-    {
-      record::Writer writer(path);
-      if (keeps_worst) writer.keep_worst(2'000'000);
-      ListenResults results(writer, limits_, nlohmann::json::object(), false, keeps_worst);
-      results.try_again_after = {};
-      const auto look = [&] {
-        for (int i = 0; i < 200; ++i) period(results, 1, 50 * ms);
-        period(results, 1, 70 * ms);
-        results.note(miss(1, 70 * ms, 2000));
-        results.write({flow(1)});
-      };
-      look();
-      writer.flush();
-      EXPECT_EQ(results.take_news(), "");
-      record::write_bytes(filler.string(), std::string(4 << 20, 'x'));
-      for (int tries = 0; tries < 3000 && results.failure().empty(); ++tries) {
-        look();
-        std::this_thread::sleep_for(std::chrono::milliseconds(20));
-      }
-      EXPECT_THAT(results.failure(), testing::ContainsRegex("disk is full|No space"));
-      EXPECT_THAT(results.take_news(), testing::HasSubstr("stopped, and is tried again: " + path));
-      EXPECT_EQ(results.take_news(), "");
-      for (int i = 0; i < 10; ++i) period(results, 1, 50 * ms);
-      record::fs::remove(filler);
-      look();
-      EXPECT_EQ(results.failure(), "");
-      EXPECT_THAT(results.take_news(), testing::HasSubstr("goes on; not recorded from 20"));
-      look();
-      listen::Findings findings;
-      findings.flows = {flow(1)};
-      results.end(findings, false);
-      EXPECT_EQ(results.failure(), "");
-    }
-    const record::Reader reader(path);
-    const auto run = statistics::summarise(reader).at(0);
-    EXPECT_EQ(run.run.outcome.counters.sent, index_) << "all are counted";
-    std::vector<std::string> told;
-    for (const auto& note : run.notes)
-      if (note.kind == "not-recorded") told.push_back(note.text);
-    ASSERT_EQ(told.size(), 1u);
-    EXPECT_THAT(told[0],
-                testing::ContainsRegex("^not recorded from 20.* to 20.*: [^.]*(full|No space)[^.]*$"));
-    if (keeps_worst) continue;
-    const auto samples = record::samples_of(reader, 1).size();
-    EXPECT_LT(samples, index_);
-    EXPECT_EQ(statistics::unrecorded(run.run), index_ - samples);
-  }
 }
 
 TEST_F(Recorder, KilledOneLeavesWhatItCounted) {

@@ -2,10 +2,7 @@
 #include "listen_results.hpp"
 
 #include <algorithm>
-#include <ctime>
-#include <functional>
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
@@ -26,10 +23,6 @@ constexpr std::size_t most_worst = 4;     // waiting to be written, of a flow
 // A miss is known at most this long after its message arrived.
 constexpr std::int64_t known_within_ns = 5'000'000'000;
 constexpr std::chrono::seconds outcome_every = 1min;  // a kill or a power cut loses at most this much of it
-constexpr int most_gaps = 20;                         // each is a note of each run
-// A disk that is all but full fails again and again, each with two lines.
-constexpr std::chrono::nanoseconds longest_until_tried_again = 10min;
-
 const char* word_of(Row::Quantity quantity) { return quantity == Row::Quantity::age ? "age" : "period"; }
 
 std::string name_of(const listen::Party& party, const char* unknown, bool with_process) {
@@ -62,17 +55,6 @@ Twin twin_of(const listen::Flow& flow, const std::vector<listen::Flow>& all) {
 
 bool has_both_ends(const listen::Flow& flow) {
   return !flow.topic.empty() && flow.writer != listen::Party{} && flow.reader != listen::Party{};
-}
-
-std::string local_time() { return fmt::format("{:%F %T}", fmt::localtime(std::time(nullptr))); }
-
-// "F: the disk is full. Free space, …" has the name that the file has already, and what may have been done
-// since: "the disk is full".
-std::string reason_of(std::string error, const std::string& path) {
-  if (error.starts_with(path + ": ")) error.erase(0, path.size() + 2);
-  error.resize(std::min(error.find(". "), error.size()));
-  if (error.ends_with('.')) error.pop_back();
-  return error;
 }
 
 json microseconds(std::optional<std::chrono::nanoseconds> limit) {
@@ -164,72 +146,6 @@ void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity qu
   kept.name = name();
   names_.insert(kept.name);
   ++runs_;
-}
-
-// A full disk ends neither listening nor printing, and may have space again later. A recording of a bag is
-// not tried again: its messages do not come again.
-template <class Do>
-void ListenResults::until_it_fails(const Do& what) {
-  if (failed_ && is_recording_) return;
-  try {
-    if (needs_file_) writer_.begin_anew();
-    needs_file_ = false;
-    what();
-    if (!failed_) return;
-    writer_.flush();
-    go_on();
-  } catch (const record::Error& error) {
-    fail(error.what());
-  }
-}
-
-void ListenResults::fail(const std::string& why) {
-  waiting_ = 0;
-  if (is_recording_) kept_.clear();
-  for (auto& [key, kept] : kept_) {  // what was to be written may be lost
-    kept.told_at.reset();
-    kept.is_told = false;
-  }
-  if (!failed_) {
-    const bool is_soon = went_on_at_ && Clock::now() - *went_on_at_ < longest_until_tried_again;
-    until_tried_again_ =
-        is_soon ? std::min(2 * until_tried_again_, longest_until_tried_again) : try_again_after;
-    failed_.emplace(Failed{why, local_time(), {}});
-    if (!is_recording_) tell(fmt::format("results: recording stopped, and is tried again: {}", why));
-  }
-  failed_->why = why;
-  failed_->again_at = Clock::now() + until_tried_again_;
-}
-
-void ListenResults::go_on() {
-  const auto gap = fmt::format("not recorded from {} to {}", failed_->since, local_time());
-  if (++gaps_ <= most_gaps)
-    for (const auto& [key, kept] : kept_)
-      if (kept.run != 0)
-        writer_.note(kept.run, {"not-recorded",
-                                fmt::format("{}{}: {}{}", gap, gaps_ == most_gaps ? ", and maybe later" : "",
-                                            reason_of(failed_->why, writer_.path()),
-                                            keeps_worst_ ? " (counts are of all messages)" : ""),
-                                std::nullopt, std::nullopt});
-  failed_.reset();
-  went_on_at_ = Clock::now();
-  tell(fmt::format("results: recording goes on; {}", gap));
-}
-
-void ListenResults::tell(const std::string& news) { news_ += (news_.empty() ? "" : "; ") + news; }
-
-void ListenResults::write(const std::vector<listen::Flow>& wanted) {
-  const auto now = Clock::now();
-  // Also while it cannot be written: a file that was removed to make space frees it only once it is closed.
-  if (owns_file && !needs_file_ && now >= look_at_file_) {
-    look_at_file_ = now + look_at_file_every;
-    if (writer_.has_moved()) {
-      begin_anew(wanted);
-      if (failed_) failed_->again_at = now;
-    }
-  }
-  if (failed_ && now < failed_->again_at) return;
-  until_it_fails([&] { write(wanted, false); });
 }
 
 void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) {
@@ -478,41 +394,6 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted, const 
     end_runs(wanted, interrupted, pauses);
     if (is_recording_) forget_known();
   });
-}
-
-// What is counted until now is of the old file.
-void ListenResults::begin_anew(const std::vector<listen::Flow>& wanted) {
-  tell(fmt::format("results: {} was renamed or removed; recording goes on in a new file of this name",
-                   writer_.path()));
-  try {
-    listen::Findings findings;
-    findings.flows = wanted;
-    end_runs(findings, false, "");
-  } catch (const record::Error&) {  // no space; the file has no name any more
-  }
-  for (auto& [key, kept] : kept_) {
-    Kept next;
-    next.since = kept.since;
-    next.last = kept.last;
-    next.counted = next.counted_before = kept.counted;
-    kept = std::move(next);
-  }
-  names_.clear();
-  runs_ = 0;
-  gaps_ = 0;
-  before_ = machine::activity();
-  about_at_.reset();
-  needs_file_ = true;
-}
-
-void ListenResults::count_not_recorded() {
-  if (keeps_worst_) return;
-  const auto reader = writer_.reader();
-  for (auto& [key, kept] : kept_) {
-    if (kept.run == 0) continue;
-    kept.not_recorded =
-        static_cast<std::int64_t>(kept.values.count()) + kept.lost - reader.number_of_samples(kept.run);
-  }
 }
 
 // A recording that is imported again is no repetition. By its own clock, its last message has the same times.

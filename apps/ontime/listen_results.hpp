@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <optional>
 #include <set>
@@ -102,8 +103,7 @@ class ListenResults {
   void begin_anew(const std::vector<listen::Flow>& wanted);
   void tell(const std::string& news);
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
-  template <class Do>
-  void until_it_fails(const Do&);
+  void until_it_fails(const std::function<void()>&);
   void fail(const std::string& why);
   void go_on();
   void count_not_recorded();

@@ -108,16 +108,6 @@ std::string list_of(const std::vector<Difference>& differences) {
   return join(texts_of(by_importance(differences), &Difference::words), "; ");
 }
 
-std::size_t rank_of(const Difference& difference) {
-  constexpr std::string_view of_hosts[] = {"refused",    "load_running", "hostname",      "kernel_release",
-                                           "preemption", "cpu_model",    "cpu_count",     "transport",
-                                           "ontime",     "governor",     "isolated_cpus", "clocksource"};
-  constexpr std::string_view last = "kernel_command_line";  // the longest
-  if (is_requested(difference)) return 0;
-  const auto* const found = std::ranges::find(of_hosts, difference.what.substr(0, difference.what.find(' ')));
-  return 1 + static_cast<std::size_t>(found - std::begin(of_hosts)) + (difference.what == last ? 1 : 0);
-}
-
 // Of imports: what the other tool says of itself, without the options for its output.
 std::string command_of(const statistics::Summary& run) {
   const auto& source = run.run.asked.imported;
@@ -415,26 +405,6 @@ std::vector<std::string> names_apart(const std::vector<Runs>& groups) {
     }
   }
   return names;
-}
-
-bool is_requested(const Difference& difference) {
-  return difference.host.empty() && difference.what != "ontime";
-}
-
-std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
-  std::vector<Difference> all;
-  for (const auto& difference : differences) {
-    const bool is_of_both =
-        !difference.host.empty() && std::ranges::any_of(differences, [&](const Difference& other) {
-          return !other.host.empty() && other.host != difference.host && other.what == difference.what &&
-                 other.from == difference.from && other.to == difference.to;
-        });
-    if (is_of_both && difference.host != record::both_hosts[0]) continue;
-    all.push_back(difference);
-    if (is_of_both) all.back().host = Difference::both;
-  }
-  std::ranges::stable_sort(all, {}, rank_of);
-  return all;
 }
 
 bool tells_nothing(Figure figure, const statistics::Change& change) {

@@ -139,6 +139,16 @@ std::string text_of(const Fact& fact, const std::set<std::string>& before,
   return fmt::format("{}: {} → {}", key->path, from, to);
 }
 
+std::size_t rank_of(const Difference& difference) {
+  constexpr std::string_view of_hosts[] = {"refused",    "load_running", "hostname",      "kernel_release",
+                                           "preemption", "cpu_model",    "cpu_count",     "transport",
+                                           "ontime",     "governor",     "isolated_cpus", "clocksource"};
+  constexpr std::string_view last = "kernel_command_line";  // the longest
+  if (is_requested(difference)) return 0;
+  const auto* const found = std::ranges::find(of_hosts, difference.what.substr(0, difference.what.find(' ')));
+  return 1 + static_cast<std::size_t>(found - std::begin(of_hosts)) + (difference.what == last ? 1 : 0);
+}
+
 }  // namespace
 
 std::vector<Difference> differences(const Comparison::Pair& pair) {
@@ -165,6 +175,26 @@ std::vector<Difference> differences(const Comparison::Pair& pair) {
     found.push_back({fact.host, fact.name, one_of(one), one_of(other), text_of(fact, one, other)});
   }
   return found;
+}
+
+bool is_requested(const Difference& difference) {
+  return difference.host.empty() && difference.what != "ontime";
+}
+
+std::vector<Difference> by_importance(const std::vector<Difference>& differences) {
+  std::vector<Difference> all;
+  for (const auto& difference : differences) {
+    const bool is_of_both =
+        !difference.host.empty() && std::ranges::any_of(differences, [&](const Difference& other) {
+          return !other.host.empty() && other.host != difference.host && other.what == difference.what &&
+                 other.from == difference.from && other.to == difference.to;
+        });
+    if (is_of_both && difference.host != record::both_hosts[0]) continue;
+    all.push_back(difference);
+    if (is_of_both) all.back().host = Difference::both;
+  }
+  std::ranges::stable_sort(all, {}, rank_of);
+  return all;
 }
 
 std::vector<std::string> mixed(const Comparison::Runs& runs) {
