@@ -124,7 +124,7 @@ runs:
         if answer.returncode == 0:
             self.skipTest("this kernel has netem")
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertRegex(answer.stderr, r"scenario.yaml:8: run 'slow': link.delay")
+        self.assertRegex(answer.stderr, r"scenario.yaml:8: run 'slow': on the controller, link.delay")
         self.assertIn("sch_netem", answer.stderr)
         self.assertFalse(os.path.exists(self.results), "nothing was run")
 
