@@ -39,7 +39,7 @@
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as possible
 //   unload {}             unloaded {notes}: what of the load could not be removed
 //   begin  {links: {host: link}}
-//                         begun {}: "during the run" is from here on. `links`: of hosts whose settings are read
+//                         begun {}: "during the run" is from here on; `links`: where settings are read
 //   end    {}             ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
 //                         others, machine}: a record::Activity; for each host with them a record::Host's
 //                         load, changed settings and reserved CPUs at this moment, and its settings at begin;

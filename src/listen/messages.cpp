@@ -69,14 +69,7 @@ void Messages::retire(std::uint32_t process) {
 
 void Messages::retire(std::map<Writer, Link>::iterator link) {
   keep(flow_of(link->first, link->second));
-  const auto publisher = link->second.publisher;
   links_.erase(link);
-  if (!publisher ||
-      std::ranges::any_of(links_, [&](const auto& one) { return one.second.publisher == publisher; }))
-    return;
-  // Its messages go on, as after `ros2 topic echo`.
-  if (const auto found = publishers_.find(*publisher); found != publishers_.end())
-    found->second.has_reader = false;
 }
 
 void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher) {
