@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <map>
 #include <set>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -27,7 +28,7 @@ const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 // A fact of a host, or of the run.
 struct Fact {
   std::string host, name;
-  auto operator<=>(const Fact&) const = default;
+  bool operator<(const Fact& other) const { return std::tie(host, name) < std::tie(other.host, other.name); }
 };
 // All values that runs have of it.
 using Values = std::map<Fact, std::set<std::string>>;
