@@ -38,7 +38,7 @@ std::vector<std::string> interface_of(const Host& host) {
 
 // The answer to "check", with the host and how it gets root.
 std::string lack_of_link(const std::string& name, const Host& host, const json& answer) {
-  const auto what = fmt::format("on the {}, {}", name, answer.at("error").get<std::string>());
+  auto what = fmt::format("on the {}, {}", name, answer.at("error").get<std::string>());
   if (!answer.contains("root_by")) return what;
   std::string by = answer.at("root_by");
   if (by.empty()) by = host.ssh.empty() ? as_root() : by_root(host.ssh) + ", or host-prefix: [sudo, -n]";
