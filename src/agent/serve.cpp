@@ -138,7 +138,7 @@ class Agent final : public orders::Worker {
   std::string unfound() {
     const auto& [transport, config] = std::tie(end_->task().transport, end_->task().config);
     const auto seen = end_->endpoint().seen();
-    const auto text = fmt::format(
+    auto text = fmt::format(
         "{} over {} within {:g} s{}{}",
         served_ ? "the component's server (pong) runs, but was not found" : "no server (pong) found",
         transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
