@@ -52,7 +52,7 @@ class Keeper : public testing::Test {
     keeper_.order(order, std::move(body));
     return coordinator_.await(keeper_, answer, 60s);
   }
-  void begin() { ask("begin", "begun", {{"links", json::object()}}); }
+  json end() { return ask("end", "ended", {{"links", json::object()}}); }
   int folders_of_stress() const {
     int folders = 0;
     for (const auto& entry : std::filesystem::directory_iterator(temporary_.path()))
@@ -76,8 +76,8 @@ TEST(Links, ResetCountersAreAnError) {
 
 TEST_F(Keeper, ReportsMachineAndActivity) {
   EXPECT_FALSE(ask("open", "opened").at("machine").at("boot_id").get<std::string>().empty());
-  begin();
-  const auto ended = ask("end", "ended");
+  ask("begin", "begun");
+  const auto ended = end();
   EXPECT_TRUE(ended.at("conditions").contains("cpu_busy"));
   EXPECT_FALSE(ended.at("machine").at("boot_id").get<std::string>().empty());
   EXPECT_LT(std::abs(ended.at("machine").at("clock").at("moved_ns").get<std::int64_t>()), 1'000'000'000);
@@ -99,9 +99,9 @@ TEST_F(Keeper, NamesTheCommandThatItHoldsTheMachineFor) {
 
 TEST_F(Keeper, NamesAnOtherOntimeThatChangedTheMachineDuringTheRun) {
   const auto others = [this](const std::function<void()>& meanwhile) {
-    begin();
+    ask("begin", "begun");
     meanwhile();
-    return ask("end", "ended").at("others");
+    return end().at("others");
   };
   ask("open", "opened", {{"holder", {{"pid", getpid()}, {"command", "ontime run one.yaml"}}}});
   ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
@@ -148,12 +148,12 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   ask("open", "opened");
   ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
   ask("load", "loaded", {{"host", "component"}, {"load", to_json(background::Workers{.cpu = 1})}});
-  begin();
-  const auto hosts = ask("end", "ended").at("hosts");
+  ask("begin", "begun");
+  const auto hosts = end().at("hosts");
   for (const auto* host : {"controller", "component"}) EXPECT_EQ(hosts.at(host).at("load_running"), true);
   EXPECT_EQ(folders_of_stress(), 2);
   EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
-  EXPECT_TRUE(ask("end", "ended").at("hosts").empty());
+  EXPECT_TRUE(end().at("hosts").empty());
   EXPECT_EQ(folders_of_stress(), 0) << "however many runs a suite has, its journal holds what there is";
 }
 
@@ -165,9 +165,9 @@ TEST_F(Keeper, LargestFileOfHddWorkersIsToldAtTheEnd) {
   // On a busy machine the worker needs a while until its first file is whole.
   auto seen = json::object();
   for (int i = 0; i < 300 && seen.value("hdd_file_bytes", json()) != bytes; ++i) {
-    begin();
+    ask("begin", "begun");
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    seen = ask("end", "ended").at("hosts").at("controller").at("load");
+    seen = end().at("hosts").at("controller").at("load");
   }
   EXPECT_EQ(seen, json({{"hdd_bytes", bytes}, {"hdd_file_bytes", bytes}}));
   EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
@@ -194,7 +194,7 @@ TEST_F(Keeper, RefusesASettingByItsNameAndGoesOn) {
   };
   EXPECT_THAT(tune({{"irq-cpus", "0"}}), HasSubstr("kernel.irq-cpus: "));
   EXPECT_THAT(tune({{"ksoftirqd", "100"}}), HasSubstr("kernel.ksoftirqd: "));
-  EXPECT_TRUE(ask("end", "ended").at("hosts").empty()) << "nothing was set";
+  EXPECT_TRUE(end().at("hosts").empty()) << "nothing was set";
   EXPECT_TRUE(ask("restore", "restored").at("notes").empty());
 }
 
@@ -206,12 +206,12 @@ TEST_F(Keeper, NewIsolationReplacesOneThatWasNotRestored) {
   };
   if (const auto why = isolate("controller", 10); !why.empty()) GTEST_SKIP() << why;
   EXPECT_EQ(isolate("component", 10), "") << "the same of each host of a machine";
-  begin();
-  const auto before = ask("end", "ended").at("hosts");
+  ask("begin", "begun");
+  const auto before = end().at("hosts");
   EXPECT_EQ(before.at("controller"), before.at("component"));
   EXPECT_EQ(isolate("component", 20), "");
-  begin();
-  const auto hosts = ask("end", "ended").at("hosts");
+  ask("begin", "begun");
+  const auto hosts = end().at("hosts");
   EXPECT_FALSE(hosts.contains("controller"));
   const auto& now = hosts.at("component").at("isolation")[0];
   EXPECT_NE(now.at("now"), before.at("component").at("isolation")[0].at("now"));
@@ -228,8 +228,8 @@ TEST_F(Keeper, GoesOnWithoutAMissingLink) {
                            {"traffic_ports", {5201}},
                            {"by_ip", true}});
   EXPECT_THAT(answer.value("error", ""), HasSubstr("no-such-link"));
-  begin();
-  EXPECT_TRUE(ask("end", "ended").at("links").empty());
+  ask("begin", "begun");
+  EXPECT_TRUE(end().at("links").empty());
 }
 
 TEST_F(Keeper, SaysThatAnotherProgramChangedALink) {
@@ -296,7 +296,7 @@ TEST_F(Keeper, ReportsTrafficOfBothEnds) {
   stream.bits_per_s = 4'000'000;
   stream.datagram_bytes = 1000;
   ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", stream}});
-  begin();
+  ask("begin", "begun");
   json account;
   const auto flows = [&](const char* host) {
     const auto& rate = account[host]["to_component"]["bit_s"];
@@ -304,14 +304,14 @@ TEST_F(Keeper, ReportsTrafficOfBothEnds) {
   };
   for (int look = 0; look < 600 && !(flows("component") && flows("controller")); ++look) {
     std::this_thread::sleep_for(50ms);
-    account = ask("end", "ended").at("traffic");
+    account = end().at("traffic");
   }
   for (const auto* host : {"controller", "component"}) {
     EXPECT_GT(account.at(host).at("to_component").at("bit_s"), 0);
     EXPECT_TRUE(account.at(host).at("to_component").at("running"));
   }
   ask("unload", "unloaded");
-  EXPECT_TRUE(ask("end", "ended").at("traffic").empty());
+  EXPECT_TRUE(end().at("traffic").empty());
 }
 
 TEST(Words, AreUnchangedAfterJson) {

@@ -2,9 +2,7 @@
 #include "gates.hpp"
 
 #include <algorithm>
-#include <filesystem>
 #include <iterator>
-#include <system_error>
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -27,19 +25,8 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
            "write the pass or fail of each requirement to this file, as JUnit XML");
 }
 
-namespace {
-
-bool is_pipe_or_device(const std::string& path) {
-  namespace fs = std::filesystem;
-  std::error_code none;
-  const auto status = fs::status(path, none);
-  return fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status);
-}
-
-}  // namespace
-
 void GateFlags::begin_junit() const {
-  if (junit_.empty() || is_pipe_or_device(junit_)) return;
+  if (junit_.empty() || is_written_in_place(junit_)) return;
   const Judgement unknown{Judgement::Result::cannot_judge, "ontime", "ontime ends",
                           "it was killed, failed, or is still running"};
   write_whole(junit_, report::junit({unknown}), Kind::junit);
@@ -47,7 +34,7 @@ void GateFlags::begin_junit() const {
 
 std::vector<gate::Gate> GateFlags::gates() const {
   // Before measuring. Protects other files, such as the scenario or a robot's description.
-  if (!junit_.empty() && !is_pipe_or_device(junit_)) Output(junit_, Kind::junit);
+  if (!junit_.empty() && !is_written_in_place(junit_)) Output(junit_, Kind::junit);
   std::vector<gate::Gate> gates;
   for (const auto& text : fail_if_) {
     try {

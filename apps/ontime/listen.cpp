@@ -6,9 +6,7 @@
 #include <exception>
 #include <filesystem>
 #include <iterator>
-#include <map>
 #include <numeric>
-#include <tuple>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -61,24 +59,6 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   throw wrong("--keep: '{}' is too small; the minimum is 10 MB", arguments.keep);
 }
 
-// A message can miss both limits, and several can arrive at the same time.
-class LateMessages {
- public:
-  void add(const listen::Miss& miss) {
-    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
-    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
-  }
-  std::size_t count() const {
-    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
-      return sum + std::max(one.second.first, one.second.second);
-    });
-  }
-
- private:
-  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
-  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
-};
-
 class Listening {
  public:
   explicit Listening(const ListenArguments& arguments)
@@ -128,7 +108,8 @@ class Listening {
     std::optional<record::Writer> writer;
     std::optional<ListenResults> results;
     if (!arguments_.results.empty()) {
-      if (most_bytes_) move_lone_log();
+      if (const auto news = most_bytes_ ? set_lone_log_aside(arguments_.results) : ""; !news.empty())
+        print_error(news);
       writer.emplace(arguments_.results);
       if (most_bytes_) writer->keep_worst(*most_bytes_);
       results.emplace(*writer, limits_, nlohmann::json{{"command_line", command_line()}},
@@ -141,6 +122,10 @@ class Listening {
     if (budget_) budget_->begin(*sensor, explainer != nullptr);
     bool has_listened = false;
     std::chrono::steady_clock::time_point hand_over_at;
+    const auto serve = [&] {
+      if (metrics && metrics->is_wanted())
+        metrics->set(counters_.metrics(results ? std::optional(!results->failure().empty()) : std::nullopt));
+    };
     while (interrupts == 0 && (!time_ || cost_.listened() < *time_)) {
       has_listened = true;
       const bool goes_on = listen_on(*sensor, results);
@@ -154,13 +139,13 @@ class Listening {
         auto seen = wanted(sensor->findings());
         terminal.waits(progress_of(seen));
         if (metrics) counters_.add(seen, cost_.listened());
+        serve();  // first: a disk may hang
         if (results) {
           results->write(with_chains(std::move(seen)).flows);
           tell_news(*results);
         }
       }
-      if (metrics && metrics->is_wanted())
-        metrics->set(counters_.metrics() + (results ? metric_of(*results) : ""));
+      serve();
       if (!goes_on) break;
     }
     terminal.does("ending");
@@ -188,32 +173,8 @@ class Listening {
   }
 
  private:
-  // A service whose file was renamed just before a power cut would refuse to start for ever.
-  void move_lone_log() const {
-    const auto log = record::lone_log(arguments_.results);
-    if (log.empty()) return;
-    auto aside = log + ".old";
-    for (int number = 2; std::filesystem::exists(aside); ++number)
-      aside = fmt::format("{}.old{}", log, number);
-    std::error_code error;
-    std::filesystem::rename(log, aside, error);
-    if (!error)
-      print_error(
-          fmt::format("results: {} has the newest samples of a file that was renamed or removed. It is "
-                      "{} now. To read it, rename it to NAME-wal beside that file NAME",
-                      log, aside));
-  }
-
   static void tell_news(ListenResults& results) {
     if (const auto news = results.take_news(); !news.empty()) print_error(news);
-  }
-
-  static std::string metric_of(const ListenResults& results) {
-    return fmt::format(
-        "# HELP ontime_results_failed 1 while the results file cannot be written.\n"
-        "# TYPE ontime_results_failed gauge\n"
-        "ontime_results_failed {}\n",
-        results.failure().empty() ? 0 : 1);
   }
 
   // A damaged file adds nothing to the results file.
@@ -337,43 +298,12 @@ class Listening {
   void print_unless_failed(const std::vector<listen::Miss>& misses) {
     if (output_failed_) return;
     try {
-      print(misses);
+      output_.write(lines_of(misses, width_, day_));
+      output_.flush();
     } catch (...) {
       if (arguments_.results.empty()) throw;
       output_failed_ = std::current_exception();
     }
-  }
-
-  // Only the first of each cause, so that the output stays readable.
-  void print(const std::vector<listen::Miss>& misses) {
-    using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
-    LateMessages all, printed;
-    for (const auto& miss : misses) all.add(miss);
-    std::set<Cause> shown;
-    const bool is_explained =
-        std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
-    for (const auto& miss : misses) {
-      if (shown.size() == listen::most_explained) break;
-      if (is_explained && !miss.why) continue;
-      // A gap is another matter than an age.
-      const auto why =
-          miss.why.value_or(listen::Why{.cause = miss.kind == listen::Miss::Kind::gap ? "gap" : ""});
-      const auto& party = miss.reader.process != 0 ? miss.reader : miss.writer;
-      if (shown.insert({miss.topic, party.process, why.cause, why.thread, why.culprit.process}).second) {
-        output_.write(change_of_day(miss.at_ns, day_) + text_of(miss, width_));
-        printed.add(miss);
-      }
-    }
-    if (all.count() > printed.count()) {
-      const auto last_ns = std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns;
-      const auto before = std::exchange(day_, day_of(last_ns));
-      const bool is_another_day = !before.empty() && before != day_;
-      output_.write(fmt::format(
-          "… and {}{} until {}{}\n",
-          table::many(all.count() - printed.count(), "more late message", "more late messages"),
-          is_another_day ? " from " + before : "", is_another_day ? day_ + " " : "", clock_of(last_ns)));
-    }
-    output_.flush();
   }
 
   void tell_of(const ListenResults& results) const {

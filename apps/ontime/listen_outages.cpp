@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A results file of `ontime listen` that cannot be written for a while, or is not at its path any more.
 #include <algorithm>
+#include <cerrno>
+#include <cstdio>
 #include <ctime>
 
+#include <fcntl.h>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
@@ -17,7 +20,7 @@ constexpr int most_gaps = 20;  // each is a note of each run
 // A disk that is all but full fails again and again, each with two lines.
 constexpr std::chrono::nanoseconds longest_until_tried_again = 10min;
 
-std::string local_time() { return fmt::format("{:%F %T}", fmt::localtime(std::time(nullptr))); }
+std::string utc_time() { return fmt::format("{:%F %T} UTC", fmt::gmtime(std::time(nullptr))); }
 
 // "F: the disk is full. Free space, …" has the name that the file has already, and what may have been done
 // since: "the disk is full".
@@ -29,6 +32,22 @@ std::string reason_of(std::string error, const std::string& path) {
 }
 
 }  // namespace
+
+std::string set_lone_log_aside(const std::string& results) {
+  constexpr int most_aside = 5;
+  const auto log = record::lone_log(results);
+  if (log.empty() || record::is_being_written(results)) return "";
+  for (int number = 1; number <= most_aside; ++number) {
+    const auto aside = fmt::format("{}.old{}", log, number == 1 ? "" : std::to_string(number));
+    if (::renameat2(AT_FDCWD, log.c_str(), AT_FDCWD, aside.c_str(), RENAME_NOREPLACE) == 0)
+      return fmt::format(
+          "results: {} has the newest samples of a file that was renamed or removed. It is "
+          "{} now. To read it, rename it to NAME-wal beside that file NAME",
+          log, aside);
+    if (errno != EEXIST) break;
+  }
+  return "";
+}
 
 // A full disk ends neither listening nor printing, and may have space again later. A recording of a bag is
 // not tried again: its messages do not come again.
@@ -57,7 +76,7 @@ void ListenResults::fail(const std::string& why) {
     const bool is_soon = went_on_at_ && Clock::now() - *went_on_at_ < longest_until_tried_again;
     until_tried_again_ =
         is_soon ? std::min(2 * until_tried_again_, longest_until_tried_again) : try_again_after;
-    failed_.emplace(Failed{why, local_time(), {}});
+    failed_.emplace(Failed{why, utc_time(), {}});
     if (!is_recording_) tell(fmt::format("results: recording stopped, and is tried again: {}", why));
   }
   failed_->why = why;
@@ -65,7 +84,7 @@ void ListenResults::fail(const std::string& why) {
 }
 
 void ListenResults::go_on() {
-  const auto gap = fmt::format("not recorded from {} to {}", failed_->since, local_time());
+  const auto gap = fmt::format("not recorded from {} to {}", failed_->since, utc_time());
   if (++gaps_ <= most_gaps)
     for (const auto& [key, kept] : kept_)
       if (kept.run != 0)

@@ -56,7 +56,7 @@ class ListenResults {
   static constexpr std::size_t most_waiting = 100'000;
   using Clock = std::chrono::steady_clock;
   struct Failed {
-    std::string why, since;  // in local time
+    std::string why, since;
     Clock::time_point again_at;
   };
   // A message to be kept.
@@ -131,6 +131,11 @@ class ListenResults {
   int gaps_ = 0;
   std::string news_;
 };
+
+// Renames the log of a results file that is gone: a service whose file was renamed just before a power cut
+// would refuse to start for ever. A line for people; empty: it stays, for example because another process
+// still writes it.
+std::string set_lone_log_aside(const std::string& results);
 
 // The notes of a run, for `ontime explain`: those of late messages name their messages. Of the worst
 // messages, this version of ontime finds the causes again in their traces, worst message first. Where a trace

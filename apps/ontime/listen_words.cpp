@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "listen_words.hpp"
 
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <set>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 
@@ -284,6 +289,59 @@ ordered_json json_of(const listen::Miss& miss) {
           {"writer", json_of(miss.writer)},
           {"reader", json_of(miss.reader)},
           {"why", json_of(miss.why)}};
+}
+
+namespace {
+
+// A message can miss both limits, and several can arrive at the same time.
+class LateMessages {
+ public:
+  void add(const listen::Miss& miss) {
+    auto& [ages, gaps] = at_[{miss.flow, miss.topic, miss.reader.process, miss.at_ns}];
+    ++(miss.kind == listen::Miss::Kind::age ? ages : gaps);
+  }
+  std::size_t count() const {
+    return std::accumulate(at_.begin(), at_.end(), std::size_t{0}, [](auto sum, const auto& one) {
+      return sum + std::max(one.second.first, one.second.second);
+    });
+  }
+
+ private:
+  using Arrival = std::tuple<std::uint64_t, std::string, std::uint32_t, std::int64_t>;
+  std::map<Arrival, std::pair<std::size_t, std::size_t>> at_;  // ages and gaps
+};
+
+}  // namespace
+
+std::string lines_of(const std::vector<listen::Miss>& misses, std::size_t width, std::string& day) {
+  std::string lines;
+  using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
+  LateMessages all, printed;
+  for (const auto& miss : misses) all.add(miss);
+  std::set<Cause> shown;
+  const bool is_explained = std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
+  for (const auto& miss : misses) {
+    if (shown.size() == listen::most_explained) break;
+    if (is_explained && !miss.why) continue;
+    // A gap is another matter than an age.
+    const auto why =
+        miss.why.value_or(listen::Why{.cause = miss.kind == listen::Miss::Kind::gap ? "gap" : ""});
+    const auto& party = miss.reader.process != 0 ? miss.reader : miss.writer;
+    if (shown.insert({miss.topic, party.process, why.cause, why.thread, why.culprit.process}).second) {
+      lines += change_of_day(miss.at_ns, day) + text_of(miss, width);
+      printed.add(miss);
+    }
+  }
+  if (all.count() > printed.count()) {
+    const auto last_ns = std::ranges::max_element(misses, {}, &listen::Miss::at_ns)->at_ns;
+    const auto before = std::exchange(day, day_of(last_ns));
+    const bool is_another_day = !before.empty() && before != day;
+    lines += fmt::format(
+        "… and {}{} until {}{}\n",
+        table::many(all.count() - printed.count(), "more late message", "more late messages"),
+        is_another_day ? " from " + before : "", is_another_day ? day + " " : "", clock_of(last_ns));
+  }
+  return lines;
 }
 
 }  // namespace ontime::app

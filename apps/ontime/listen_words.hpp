@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 
@@ -42,5 +43,9 @@ nlohmann::ordered_json json_of(const listen::Party&);
 nlohmann::ordered_json json_of(const listen::Distribution&);
 nlohmann::ordered_json json_of(const listen::Flow&);
 nlohmann::ordered_json json_of(const listen::Miss&);
+
+// Late messages, sorted by time: only the first of each cause, so that the output stays readable, and how
+// many more there are. `day`: of the last one that was told.
+std::string lines_of(const std::vector<listen::Miss>&, std::size_t width, std::string& day);
 
 }  // namespace ontime::app

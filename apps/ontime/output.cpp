@@ -148,6 +148,13 @@ bool can_replace(const std::string& path, Kind kind) {
   return std::ranges::find(endings, ending) != endings.end() && !is_results(path) && !begins({"#!"});
 }
 
+bool is_written_in_place(const std::string& path) {
+  std::error_code none;
+  const auto status = fs::status(path, none);
+  return path.starts_with("/proc/") || path.starts_with("/dev/std") || path.starts_with("/dev/fd/") ||
+         (fs::exists(status) && !fs::is_regular_file(status) && !fs::is_directory(status));
+}
+
 Output::Output(std::string path, Kind kind) : path_(std::move(path)) {
   constexpr const char* names[] = {"a text file (.txt, .md, .rst, .log or .out)",
                                    "JSON",
@@ -158,7 +165,6 @@ Output::Output(std::string path, Kind kind) : path_(std::move(path)) {
                                    "a figure"};
   std::error_code ignored;
   const bool to_stdout = path_.empty();
-  const bool is_file = fs::is_regular_file(path_, ignored);
   if (!can_replace(path_, kind))
     throw orders::Error(
         2, is_results(path_)
@@ -167,7 +173,7 @@ Output::Output(std::string path, Kind kind) : path_(std::move(path)) {
                              names[static_cast<std::size_t>(kind)]));
   if (to_stdout) {
     file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
-  } else if (!is_file && fs::exists(path_, ignored)) {
+  } else if (is_written_in_place(path_) || fs::is_directory(path_, ignored)) {
     file_.reset(std::fopen(path_.c_str(), "we"));
   } else {
     // A killed process leaves its part, and process numbers repeat in containers.

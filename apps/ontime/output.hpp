@@ -36,6 +36,8 @@ enum class Kind { text, json, csv, latex, page, junit, figure };
 Kind kind_of(report::Format);
 bool can_replace(const std::string& path, Kind);  // also an empty file, or none
 bool is_results(const std::string& path);         // by its first bytes
+// A pipe, a device, or the name of an open file, such as /dev/stdout, which root must not replace.
+bool is_written_in_place(const std::string& path);
 
 // The summary of these runs; with `full`, or in another format than a table, everything.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full, report::Origin);

@@ -172,7 +172,8 @@ class Agent final : public orders::Worker {
         std::make_unique<Recorder>(*end_->client(), events_, end_->task().client.schedule,
                                    shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     end_->client()->start();
-    until_ = Clock::now() + wait_;  // each answer moves it on
+    limit_ = wait_;
+    until_ = Clock::now() + limit_;  // each answer moves it on
     answered_ = 0;
     stage_ = Stage::warming_up;
     return 5ms;
@@ -185,12 +186,13 @@ class Agent final : public orders::Worker {
       events_.tell("ready");
     } else if (const auto answers = client.warm_up_answers(); answers > answered_) {
       answered_ = answers;
-      until_ = Clock::now() + std::max(wait_, end_->task().client.timeout);
+      limit_ = std::max(wait_, end_->task().client.timeout);
+      until_ = Clock::now() + limit_;
     } else if (Clock::now() > until_) {
       throw Unanswered(fmt::format(
           "the server (pong) over {} answered {} of {} warm-up messages, and none for {:g} s. Possible "
           "causes: the payload is larger than {}the link carries; a firewall drops it{}{}",
-          end_->task().transport, answers, end_->task().client.warm_up, seconds(wait_),
+          end_->task().transport, answers, end_->task().client.warm_up, seconds(limit_),
           served_ ? "" : "the server accepts (pong --payload SIZE) or ",
           client.counters().wrong_size > 0 ? "; another program answers (with payloads of another size)" : "",
           end_->task().background.callback.count() > 0
@@ -270,9 +272,9 @@ class Agent final : public orders::Worker {
   std::unique_ptr<Recorder> recorder_;  // before the end whose samples it hands over
   Stage stage_ = Stage::idle;
   bool shares_link_ = false, notes_answers_ = false;
-  std::chrono::nanoseconds wait_{0};
-  bool served_ = false;         // ontime started the server
-  std::uint64_t answered_ = 0;  // of the warm-up
+  std::chrono::nanoseconds wait_{0}, limit_{0};  // limit: of the warm-up, for the next answer
+  bool served_ = false;                          // ontime started the server
+  std::uint64_t answered_ = 0;                   // of the warm-up
   transport::Matched peers_;
   Clock::time_point until_, next_progress_, finish_;
 };

@@ -290,12 +290,7 @@ void Machines::unload() {
 }
 
 void Machines::begin() {
-  for (auto& [reach, machine] : machines_) {
-    auto links = json::object();
-    for (const auto& host : machine.hosts)
-      if (network_namespace(hosts_.at(host))) links[host] = link_of(host);
-    ask(machine, "begin", "begun", {{"links", std::move(links)}});
-  }
+  for (auto& [reach, machine] : machines_) ask(machine, "begin", "begun");
 }
 
 Machines::Account Machines::end() {
@@ -303,7 +298,10 @@ Machines::Account Machines::end() {
   std::map<std::string, record::Link> links;
   auto traffic = json::object();
   for (auto& [reach, machine] : machines_) {
-    const auto ended = ask(machine, "end", "ended");
+    auto read = json::object();
+    for (const auto& host : machine.hosts)
+      if (network_namespace(hosts_.at(host))) read[host] = link_of(host);
+    const auto ended = ask(machine, "end", "ended", {{"links", std::move(read)}});
     for (const auto& host : machine.hosts) {
       account.conditions[host] = record::read<record::Activity>(ended.at("conditions"));
       account.hosts[host] = record::read<record::Host>(ended.at("hosts").value(host, json()));

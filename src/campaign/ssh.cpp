@@ -24,9 +24,10 @@ constexpr int cannot_run = 126, not_found = 127, ssh_failed = 255;
 constexpr const char* first_script =
     "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
     "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
-// The first session may be over, and the folder with it.
+// The first session may be over, and the folder with it: another user could have made one of this name.
 constexpr const char* another_script =
-    "trap '' HUP INT TERM; [ -d \"$0\" ] || exit 255; env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; "
+    "trap '' HUP INT TERM; [ ! -L \"$0\" ] && [ -O \"$0\" ] || exit 255; env --block-signal=HUP,INT,TERM ssh "
+    "\"$@\"; code=$?; "
     "cat \"$0/said\" 2>/dev/null; exit $code";
 
 constexpr std::size_t longest_socket =

@@ -38,11 +38,11 @@
 //                         what this kernel cannot trace, for people; or {error}
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as possible
 //   unload {}             unloaded {notes}: what of the load could not be removed
-//   begin  {links: {host: link}}
-//                         begun {}: "during the run" is from here on; `links`: where settings are read
-//   end    {}             ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
+//   begin  {}             begun {}: "during the run" is from here on
+//   end    {links: {host: link}}
+//                         ended {conditions, hosts {host: …}, traffic {host: {way: …}}, links {host: …},
 //                         others, machine}: a record::Activity; for each host with them a record::Host's
-//                         load, changed settings and reserved CPUs at this moment, and its settings at begin;
+//                         load, changed settings, reserved CPUs and, of `links`, all settings at this moment;
 //                         record::Links; the commands of other ontimes that changed this machine at begin or
 //                         end; and the machine as it was at begin, but its clock as it is now, with moved_ns:
 //                         how far it was set since

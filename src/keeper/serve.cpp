@@ -112,8 +112,6 @@ class Keeper final : public orders::Worker {
       unload();
     } else if (order == "begin") {
       machine_ = machine::describe();
-      settings_.clear();
-      for (const auto& [host, link] : body.at("links").items()) settings_[host] = present(link);
       activity_ = machine::activity();
       flows_.begin();
       links_.begin();
@@ -123,7 +121,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "end") {
       note_other();
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
-                             {"hosts", hosts()},
+                             {"hosts", hosts(body.at("links"))},
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
                              {"others", others_},
@@ -286,7 +284,7 @@ class Keeper final : public orders::Worker {
   }
 
   // By host, what it has.
-  json hosts() {
+  json hosts(const json& links) {
     record::ByName<record::Host> all;
     for (const auto& [host, load] : loads_) {
       all[host].load_running = load.running && load.running->running();
@@ -294,7 +292,7 @@ class Keeper final : public orders::Worker {
       if (writes(load)) all[host].load->hdd_file_bytes = load.running->hdd_bytes();
     }
     for (auto& [host, settings] : tuned_.now()) all[host].kernel = std::move(settings);
-    for (const auto& [host, settings] : settings_) all[host].settings = settings;
+    for (const auto& [host, link] : links.items()) all[host].settings = present(link);
     for (auto& [host, things] : isolated_.now()) all[host].isolation = std::move(things);
     return record::to_json(all);
   }
@@ -324,8 +322,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
-  std::set<std::string> others_;  // that held this machine at the begin or the end of the run
-  std::map<std::string, record::ByName<std::string>> settings_;  // by host
+  std::set<std::string> others_;                  // that held this machine at the begin or the end of the run
   std::optional<std::vector<std::string>> told_;  // once all was given back and told: what was left
 };
 

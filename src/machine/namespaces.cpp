@@ -102,13 +102,11 @@ void check_end_of_cable(const std::string& name) {
     throw Error(fmt::format("cable at {}: not hardware; the interface would be lost after the run", name));
   // The kernel takes an interface that goes to another namespace out of its bond or bridge, and does not put
   // it back.
-  std::error_code none;
-  if (const auto master = std::filesystem::read_symlink("/sys/class/net/" + name + "/master", none);
-      !master.empty())
+  if (const auto master = master_of(name); !master.empty())
     throw Error(fmt::format(
         "cable at {0}: the interface belongs to {1}, and would not after the run. Fix: sudo ip link set {0} "
         "nomaster",
-        name, master.filename().string()));
+        name, master));
   if (found->up || !found->addresses.empty())
     throw Error(
         fmt::format("cable at {}: the interface is up or has an address, so a program may use it. Fix: sudo "

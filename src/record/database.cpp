@@ -132,7 +132,7 @@ void Database::commit(Change change) {
     connection_->run("COMMIT; BEGIN IMMEDIATE");
   } catch (...) {
     connection_->try_run("ROLLBACK");
-    is_worst_stale_ = worst_.has_value();
+    is_worst_stale_ = most_bytes_ > 0;
     throw;
   }
 }

@@ -248,7 +248,7 @@ struct Host {
   std::vector<Thread> threads;
   std::vector<Refusal> refusals;
   std::vector<Applied> kernel, isolation;
-  ByName<std::string> settings;      // of the machine, as the run began: name, value
+  ByName<std::string> settings;      // of the machine, as the run ended: name, value
   std::optional<bool> load_running;  // nothing: no load was requested
   std::optional<GivenLoad> load;     // nothing: an older ontime, which did not note it
   Losses losses;

@@ -258,7 +258,7 @@ void Reader::each_sample(std::int64_t run, std::uint64_t from,
 bool is_being_written(const std::string& path) {
   constexpr off_t write_lock = 120;
   std::error_code ignored;
-  const auto beside = std::filesystem::canonical(path, ignored).string() + "-shm";
+  const auto beside = std::filesystem::weakly_canonical(path, ignored).string() + "-shm";
   const int file = ::open(beside.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   if (file < 0) return false;
   struct flock lock {};

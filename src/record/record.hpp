@@ -134,8 +134,8 @@ class Writer {
 // The log of a results file that is not at this path any more: no Writer opens the path. Empty: not there.
 std::string lone_log(const std::string& path);
 
-// Whether another process has a Writer on the file. Do not call it in a process that has the file open:
-// it would release that process's locks.
+// Whether another process has a Writer on the file, or on one that was there. Do not call it in a process
+// that has the file open: it would release that process's locks.
 bool is_being_written(const std::string& path);
 
 // Reads files of all formats so far. Invalid contents (of another program, damaged, or malicious) throw

@@ -18,6 +18,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "record/database.hpp"
@@ -270,6 +271,9 @@ bool Writer::has_moved() const { return thread_->has_moved(); }
 // First closed, because what lies beside it has the names of what will lie beside the new one.
 void Writer::begin_anew() {
   thread_.reset();
+  struct stat there {};
+  if (::lstat(path_.c_str(), &there) == 0 && (!S_ISREG(there.st_mode) || there.st_uid != ::geteuid()))
+    throw WrongFile(fmt::format("{}: it is no file of this user. Remove it.", path_));
   Writer next(path_);
   if (most_bytes_ > 0) next.keep_worst(most_bytes_);
   *this = std::move(next);

@@ -112,7 +112,8 @@ bool is_plain(const std::string& option) {
   const auto is_word = [](std::string_view text) {
     return !text.empty() && text.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789_-") == text.npos;
   };
-  return end != option.npos && is_word(option.substr(0, end)) && is_word(option.substr(end + 1)) &&
+  return end != option.npos && option.front() >= 'a' && option.front() <= 'z' &&
+         is_word(option.substr(0, end)) && is_word(option.substr(end + 1)) &&
          !is_one_of(option.substr(0, end), own_options);
 }
 

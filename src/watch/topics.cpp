@@ -190,7 +190,7 @@ void TopicCounters::add(const std::vector<listen::Miss>& misses) {
   for (const auto& miss : misses) ++misses_[miss.why ? miss.why->cause : not_looked_for];
 }
 
-std::string TopicCounters::metrics() const {
+std::string TopicCounters::metrics(std::optional<bool> results_failed) const {
   Exposition text;
   const auto count_of = [&](const Series& all, const char* name, const char* help, auto value_of) {
     text.begin(name, "counter", help);
@@ -247,6 +247,10 @@ std::string TopicCounters::metrics() const {
   text.add("", sensor_lost_);
   text.begin("not_counted_total", "counter", "Messages left out: too many flows were active.");
   text.add("", not_counted_);
+  if (results_failed) {
+    text.begin("results_failed", "gauge", "1 while the results file cannot be written.");
+    text.add("", *results_failed ? 1 : 0);
+  }
   return std::move(text).text();
 }
 

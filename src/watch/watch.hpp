@@ -132,8 +132,8 @@ class TopicCounters {
   explicit TopicCounters(const listen::Limits& = {}, const std::set<std::string>& topics = {});
   // As they are now, and how long it has listened; about once a second.
   void add(const listen::Findings&, std::chrono::nanoseconds listened);
-  void add(const std::vector<listen::Miss>&);  // each once
-  std::string metrics() const;
+  void add(const std::vector<listen::Miss>&);                          // each once
+  std::string metrics(std::optional<bool> results_failed = {}) const;  // empty: no results file
 
  private:
   struct Spread {
